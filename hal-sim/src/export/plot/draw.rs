@@ -9,6 +9,7 @@ use svg::node::element::{Group, Line, Path, Rectangle, Style, Text, Title};
 
 use super::Span;
 use super::axis::{number, seconds, ticks};
+use super::exchanges::{Exchange, exchanges};
 use super::tracks::{Edge, Panel, Shape, Words};
 use crate::decode::Mark;
 use crate::signals::waveforms::{Kind, Track, Variable};
@@ -69,12 +70,6 @@ enum Content<'a> {
     Curve(&'a Variable, &'a [(Instant, Option<f64>)]),
     Levels(&'a Variable, &'a [Edge]),
     Messages(String, Vec<Exchange<'a>>, Vec<Label>),
-}
-
-/// A message to a drive with its answer, or an answer alone.
-struct Exchange<'a> {
-    received: Option<&'a Words>,
-    sent: Option<&'a Words>,
 }
 
 /// Words beside the mark of a message.
@@ -288,71 +283,6 @@ fn places(panel: &Panel, mut top: f64, span: Span) -> Vec<Place<'_>> {
         place
     };
     contents.into_iter().map(place).collect()
-}
-
-/// Joins each message with the first answer before the next message.
-fn exchanges<'a>(received: &'a [Words], sent: &'a [Words]) -> Vec<Exchange<'a>> {
-    let mut exchanges: Vec<Exchange<'_>> = Vec::new();
-    let mut sent = sent.iter().peekable();
-    for (index, message) in received.iter().enumerate() {
-        let next = received.get(index + 1).map_or(Instant::NEVER, |next| next.begin);
-        while let Some(early) = sent.next_if(|answer| answer.begin < message.begin) {
-            exchanges.push(Exchange { received: None, sent: Some(early) });
-        }
-        let answer = sent.next_if(|answer| answer.begin < next);
-        exchanges.push(Exchange { received: Some(message), sent: answer });
-    }
-    exchanges.extend(sent.map(|alone| Exchange { received: None, sent: Some(alone) }));
-    exchanges
-}
-
-impl Exchange<'_> {
-    fn begin(&self) -> Instant {
-        self.received.or(self.sent).map_or(Instant::ZERO, |words| words.begin)
-    }
-
-    fn request(&self) -> Option<&str> {
-        self.received.map(|received| received.text.as_str())
-    }
-
-    fn text(&self) -> String {
-        let outcome = self.received.and_then(|received| received.outcome.as_ref());
-        let is_plain = outcome.is_none_or(|(_, mark)| *mark == Mark::Done);
-        match (self.received, self.sent, outcome) {
-            (Some(received), _, Some((outcome, _))) if !is_plain || outcome.starts_with("accepted") => {
-                format!("{} → {outcome}", received.text)
-            }
-            (Some(received), None, Some((outcome, _))) if outcome == "done" => received.text.clone(),
-            (Some(received), None, Some((outcome, _))) => format!("{} → {outcome}", received.text),
-            (Some(received), Some(sent), _) if sent.text == "done" => received.text.clone(),
-            // `read P` and `P = 5` are `read P = 5`.
-            (Some(received), Some(sent), _)
-                if received.text.strip_prefix("read ").is_some_and(|name| {
-                    sent.text.strip_prefix(name).is_some_and(|rest| rest.starts_with(" = "))
-                }) =>
-            {
-                format!("read {}", sent.text)
-            }
-            (Some(received), Some(sent), _) => format!("{} → {}", received.text, sent.text),
-            (Some(only), None, _) | (None, Some(only), _) => only.text.clone(),
-            (None, None, _) => String::new(),
-        }
-    }
-
-    /// The mark of the message.
-    fn mark(&self) -> Mark {
-        let outcome = self.received.and_then(|received| received.outcome.as_ref());
-        match (outcome, self.sent) {
-            (Some((_, mark)), _) => *mark,
-            (None, Some(sent)) if sent.text.starts_with("refused") => Mark::Refused,
-            (None, _) => Mark::Done,
-        }
-    }
-
-    /// Returns true if the drive has not done what the message says, or a fault acted on it.
-    fn is_bad(&self) -> bool {
-        self.mark() != Mark::Done
-    }
 }
 
 /// Words of messages, as far as there is room: first of those that were refused, then of commands, then of

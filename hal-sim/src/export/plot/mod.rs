@@ -5,6 +5,7 @@
 
 mod axis;
 mod draw;
+mod exchanges;
 mod tracks;
 
 use drivetwin_firmware::device::{Duration, Instant};
@@ -15,7 +16,9 @@ use crate::record::trace::{Make, Trace};
 use crate::replay;
 use crate::signals::waveforms::Waveforms;
 use crate::suggest;
-use tracks::{Collector, Panel};
+pub use exchanges::{Exchange, exchanges};
+use tracks::Collector;
+pub use tracks::{Edge, Panel, Shape, Words};
 
 /// Options of a picture; the default is the whole trace with all drives.
 #[derive(Clone, PartialEq, Debug, Default)]
@@ -33,6 +36,15 @@ pub struct Options {
 impl Options {
     /// Greatest time in seconds.
     pub const MOST: f64 = 1e9;
+
+    /// Refuses the name of a drive that the trace has not.
+    fn check(&self, trace: &Trace) -> Result<(), String> {
+        let names = || trace.drives.iter().map(|drive| drive.name.as_str());
+        match self.drives.iter().find(|name| !names().any(|other| other == *name)) {
+            Some(unknown) => Err(suggest::unknown("drive", unknown, names())),
+            None => Ok(()),
+        }
+    }
 
     /// The time axis.
     fn span(&self, end: Instant) -> Result<Span, String> {
@@ -84,18 +96,30 @@ impl Span {
 /// # Errors
 /// One sentence: the trace cannot be replayed, there is no such drive, or the time axis has no length.
 pub fn svg(trace: &Trace, make: &Make<'_>, options: &Options) -> Result<String, String> {
-    let names = || trace.drives.iter().map(|drive| drive.name.as_str());
-    if let Some(unknown) = options.drives.iter().find(|name| !names().any(|other| other == *name)) {
-        return Err(suggest::unknown("drive", unknown, names()));
-    }
+    options.check(trace)?;
     let span = options.span(trace.end)?;
     let benches = replay::benches(trace, make).map_err(|error| error.to_string())?;
     // All drives together, because what one of them sends on a line is no message to the others.
     let traces: Vec<&Trace> = benches.iter().map(Bench::trace).collect();
     let trace = Trace::joined(trace, &traces);
-    let mut waveforms = Waveforms::new(&trace);
+    Ok(draw::picture(&options.title, span, &chosen(&trace, span, options)?))
+}
+
+/// The tracks of a trace that was recorded on a bench, as far as a picture shows them. The motion of motors is in it if the
+/// bench recorded [`shafts`](crate::bench::Settings::shafts).
+///
+/// # Errors
+/// One sentence: there is no such drive, or the time axis has no length.
+pub fn panels(trace: &Trace, options: &Options) -> Result<Vec<Panel>, String> {
+    options.check(trace)?;
+    chosen(trace, options.span(trace.end)?, options)
+}
+
+/// The tracks of the chosen drives.
+fn chosen(trace: &Trace, span: Span, options: &Options) -> Result<Vec<Panel>, String> {
+    let mut waveforms = Waveforms::new(trace);
     let mut collector = Collector::new(waveforms.variables(), span);
-    let reading = waveforms.follow(&trace, &mut collector);
+    let reading = waveforms.follow(trace, &mut collector);
     reading.map_err(|error| error.to_string())?;
     waveforms.finish(&mut collector);
     let mut tracks = collector.finish().into_iter().peekable();
@@ -111,7 +135,7 @@ pub fn svg(trace: &Trace, make: &Make<'_>, options: &Options) -> Result<String, 
             });
         }
     }
-    Ok(draw::picture(&options.title, span, &panels))
+    Ok(panels)
 }
 
 #[cfg(test)]

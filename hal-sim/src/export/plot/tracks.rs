@@ -15,16 +15,19 @@ pub(super) const COLUMNS: f64 = 2_000.0;
 const CROWD: usize = 16;
 
 /// The tracks of a drive.
-pub(super) struct Panel {
-    pub(super) name: String,
-    pub(super) spec: &'static Spec,
+pub struct Panel {
+    /// Name of the drive.
+    pub name: String,
+    /// Its description.
+    pub spec: &'static Spec,
     /// True if the axis turns a motor with Hall sensors, whose counts are its position.
-    pub(super) turns_motor: bool,
-    pub(super) tracks: Vec<(Variable, Shape)>,
+    pub turns_motor: bool,
+    /// Pins, motion and messages.
+    pub tracks: Vec<(Variable, Shape)>,
 }
 
 /// What a track shows.
-pub(super) enum Shape {
+pub enum Shape {
     /// Points of a curve; `None` where the number is unknown from then on.
     Curve(Vec<(Instant, Option<f64>)>),
     /// Levels of a digital pin.
@@ -35,22 +38,26 @@ pub(super) enum Shape {
 
 /// A change of a digital pin.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Edge {
-    pub(super) at: Instant,
+pub struct Edge {
+    /// Time of the first edge of the column.
+    pub at: Instant,
     /// True if there is more than one edge in this column.
-    pub(super) many: bool,
+    pub many: bool,
     /// Level after the column's last edge: `0`, `1`, `z` or `x`.
-    pub(super) level: char,
+    pub level: char,
 }
 
 /// A message.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Words {
-    pub(super) begin: Instant,
-    pub(super) end: Instant,
-    pub(super) text: String,
+pub struct Words {
+    /// Begin of the message.
+    pub begin: Instant,
+    /// Its end.
+    pub end: Instant,
+    /// The message in the names of the manual.
+    pub text: String,
     /// The outcome of a message to the drive, if it is known.
-    pub(super) outcome: Option<(String, Mark)>,
+    pub outcome: Option<(String, Mark)>,
 }
 
 impl Shape {
@@ -63,7 +70,8 @@ impl Shape {
     }
 
     /// Returns true if there is something to see: two different values, or a message.
-    pub(super) fn is_alive(&self) -> bool {
+    #[must_use]
+    pub fn is_alive(&self) -> bool {
         match self {
             Self::Curve(points) => {
                 let mut known = points.iter().filter_map(|(_, value)| *value);
