@@ -106,6 +106,25 @@ impl Banner {
         self.outlets.iter().map(|(&outlet, reached)| (outlet, reached.uris())).collect()
     }
 
+    /// URL of the control API; `None` if it is off.
+    pub(crate) fn control(&self) -> Option<String> {
+        self.control.map(|address| format!("http://{address}"))
+    }
+
+    /// Names and descriptions of the drives.
+    pub(crate) fn drives(&self) -> impl Iterator<Item = (&str, &'static Spec)> {
+        self.drives.iter().map(|drive| (drive.name.as_str(), drive.spec))
+    }
+
+    /// URIs of a port of a drive; none if there is no such drive or port.
+    pub(crate) fn uris(&self, drive: &str, port: &str) -> Vec<String> {
+        let drive = self.drives.iter().find(|other| other.name == drive);
+        let outlet = drive.and_then(|drive| {
+            drive.ports.iter().find(|(other, _)| drive.port_name(*other) == port).map(|(_, outlet)| outlet)
+        });
+        outlet.and_then(|outlet| self.outlets.get(outlet)).map(Reached::uris).unwrap_or_default()
+    }
+
     /// The banner as one line of JSON.
     ///
     /// # Errors
@@ -131,10 +150,7 @@ impl Banner {
             let ports = drive.ports.iter().map(|(port, outlet)| (drive.port_name(*port), uris(outlet)));
             Device { name: &drive.name, kind: drive.spec.kind, ports: ports.collect() }
         });
-        let line = Line {
-            devices: devices.collect(),
-            control: self.control.map(|address| format!("http://{address}")),
-        };
+        let line = Line { devices: devices.collect(), control: self.control() };
         Ok(serde_json::to_string(&line)? + "\n")
     }
 

@@ -21,6 +21,7 @@ use tracing::{Level, enabled, info, warn};
 use crate::clock::{Clock, wall};
 use crate::live_file::LiveFile;
 use crate::ports::Ports;
+use crate::streams::Streams;
 
 /// Longest lag behind the wall clock that the bench makes up. A longer lag is skipped.
 const MAX_LAG: Duration = Duration::secs(1);
@@ -151,6 +152,8 @@ struct Advance {
 pub(crate) struct EventLoop {
     /// The bench.
     pub(crate) bench: Bench,
+    /// Clients in this process.
+    pub(crate) streams: Streams,
     ports: Ports,
     files: Vec<LiveFile>,
     /// The clock; `None` in manual time.
@@ -207,6 +210,7 @@ impl EventLoop {
     ) -> Self {
         let mut event_loop = Self {
             bench,
+            streams: Streams::default(),
             ports,
             files,
             clock: None,
@@ -401,6 +405,7 @@ impl EventLoop {
 
     /// Delivers to the clients what the drives have sent.
     fn deliver(&mut self) {
+        self.streams.collect(&mut self.bench);
         let delivered = self.ports.deliver(&mut self.bench);
         if delivered && self.idle_run.is_none() {
             self.begin_idle_run();

@@ -26,6 +26,7 @@
 //! | `run` | the three steps |
 //! | [`options`] | options of a run as plain data |
 //! | `event_loop` | the thread that owns the bench and paces it by the wall clock |
+//! | `streams`, `lender` | other threads of this process that use the bench |
 //! | `ports` | ptys, TCP and serial ports, standard input and output |
 //! | `api` | the control API (HTTP, JSON) |
 //! | `nv_file` | non-volatile memory in a file |
@@ -39,6 +40,7 @@ mod banner;
 mod clock;
 pub mod describe;
 mod event_loop;
+mod lender;
 mod live_file;
 mod nv_file;
 pub mod options;
@@ -46,5 +48,8 @@ mod output_file;
 mod ports;
 pub mod rs_programs;
 mod run;
+mod streams;
 
+pub use lender::{Lender, Loan, Possession, Wait, Waited};
 pub use run::{Configuration, Memories, Offline, Prepared, Running};
+pub use streams::Streams;

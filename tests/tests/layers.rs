@@ -28,7 +28,7 @@ const HAL_SIM: [&str; 19] = [
 ];
 
 /// Modules of `host/src`, lowest first.
-const HOST: [&str; 12] = [
+const HOST: [&str; 14] = [
     "options",
     "clock",
     "describe",
@@ -37,15 +37,17 @@ const HOST: [&str; 12] = [
     "output_file",
     "live_file",
     "ports",
+    "streams",
     "event_loop",
+    "lender",
     "api",
     "banner",
     "run",
 ];
 
 /// Modules of `python/src`, lowest first.
-const PYTHON: [&str; 9] =
-    ["errors", "server", "shared", "views", "tables", "named", "line", "drive", "bench"];
+const PYTHON: [&str; 10] =
+    ["errors", "server", "shared", "views", "tables", "named", "line", "recording", "drive", "bench"];
 
 /// Crate roots, and modules that only tests use.
 const APART: [&str; 2] = ["lib", "testing"];

@@ -16,6 +16,7 @@ use drivetwin_protocol::text::next_line;
 use super::events::EventKind;
 use super::tcp_faults::{DisturbedStream, ends_line};
 use super::{Bench, Bus, Client, DriveId};
+use crate::line::ClientState;
 use crate::line::faults::Disturbance;
 use crate::record::capture::{Frame, Medium, Source};
 use crate::record::trace::InputRecord;
@@ -389,6 +390,18 @@ impl Bench {
             (None, Some(state)) => self.is_answered(Bus(state.bus)),
             (None, None) => true,
         }
+    }
+
+    /// Returns true if bytes of a client wait, or are executed or answered now; answers to other clients on the line do not
+    /// count.
+    #[must_use]
+    pub fn is_being_served(&self, client: Client) -> bool {
+        let has_turn = |state: &ClientState| {
+            let line = &self.buses[state.bus as usize];
+            line.served == client.0 && line.turn.is_busy()
+        };
+        self.backlog(client) > 0
+            || self.clients.get(&client.0).map_or_else(|| !self.is_served(client), has_turn)
     }
 
     /// Returns true if input of a client on a TCP connection is scheduled for delivery to the drive.

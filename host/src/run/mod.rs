@@ -11,6 +11,7 @@ mod reserved_ports;
 
 use std::os::fd::AsFd;
 
+use drivetwin_firmware::device::Spec;
 use drivetwin_sim::bench::{Bench, Bus, DriveId, Settings};
 use drivetwin_sim::config::layout::Built;
 use drivetwin_sim::config::time_mode::TimeMode;
@@ -19,6 +20,7 @@ use tracing::info;
 use crate::api;
 use crate::banner::Banner;
 use crate::event_loop::{self, EventLoop};
+use crate::lender::Lender;
 use crate::options::Control;
 use crate::ports::Bound;
 pub use configuration::Configuration;
@@ -44,6 +46,7 @@ pub struct Prepared {
 /// A bench whose ports and control API are open. The [crate] has an example.
 pub struct Running {
     event_loop: EventLoop,
+    lender: Lender,
     banner: Banner,
     memories: Vec<Memory>,
     /// The control API, if there is one.
@@ -98,6 +101,7 @@ impl Prepared {
         let (ports, addresses) = ports.open(&mut bench, &drives, &buses)?;
         let (handle, inbox) = event_loop::handle()
             .map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
+        let lender = Lender::new(handle.clone());
         let mut banner = Banner::new(&bench, &drives, addresses);
         let mut server = None;
         if let Some(bound) = control {
@@ -112,11 +116,34 @@ impl Prepared {
         let files = files.begin(&bench)?;
         memories.iter().for_each(Memory::warn);
         let event_loop = EventLoop::new(bench, ports, time_mode, files, inbox);
-        Ok(Running { event_loop, banner, memories, api: server })
+        Ok(Running { event_loop, lender, banner, memories, api: server })
     }
 }
 
 impl Running {
+    /// Lends the bench to other threads while it is served.
+    #[must_use]
+    pub fn lender(&self) -> Lender {
+        self.lender.clone()
+    }
+
+    /// Names and descriptions of the drives.
+    pub fn drives(&self) -> impl Iterator<Item = (&str, &'static Spec)> {
+        self.banner.drives()
+    }
+
+    /// URIs of a port of a drive; none if there is no such drive or port.
+    #[must_use]
+    pub fn uris(&self, drive: &str, port: &str) -> Vec<String> {
+        self.banner.uris(drive, port)
+    }
+
+    /// URL of the control API; `None` if it is off.
+    #[must_use]
+    pub fn control(&self) -> Option<String> {
+        self.banner.control()
+    }
+
     /// The banner as one line of JSON: URIs of all ports and of the control API.
     ///
     /// # Errors
