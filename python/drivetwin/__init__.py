@@ -16,7 +16,7 @@ Times are in seconds of bench time, positions in steps or counts, currents in A.
 from ._errors import Error, UnknownName
 from ._native import Bench, Drive, Line, Motion, Motor, Pins, Port, Registers, Request, RequestRegister, kinds
 from ._native import __version__
-from ._rack import Rack, RackDrive, RackLine, RackMotion, RackRequest, run
+from ._run import run
 
 try:
     import serial
@@ -35,11 +35,6 @@ __all__ = [
     "Motor",
     "Pins",
     "Port",
-    "Rack",
-    "RackDrive",
-    "RackLine",
-    "RackMotion",
-    "RackRequest",
     "Registers",
     "Request",
     "RequestRegister",

@@ -1,5 +1,4 @@
 from collections.abc import Sequence
-from typing import final
 
 from . import Bench as Bench
 from . import Drive as Drive
@@ -15,13 +14,5 @@ from . import kinds as kinds
 
 __version__: str
 
-@final
-class Server:
-    def __new__(cls, arguments: Sequence[str]) -> Server: ...
-    @property
-    def json(self) -> str: ...
-    def stop(self) -> None: ...
-
 def command(arguments: Sequence[str]) -> int: ...
-def unknown(what: str, name: str, names: Sequence[str]) -> str: ...
 def panic_for_test(bench: Bench) -> None: ...

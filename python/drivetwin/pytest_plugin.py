@@ -55,6 +55,10 @@ class Twin:
         """A bench from the text of a bench file. The first one becomes the bench of the test."""
         return self._keep(drivetwin.Bench.loads(text))
 
+    def run(self, what, **options):
+        """A bench with ports, as `drivetwin.run` makes it. The first bench becomes that of the test."""
+        return self._keep(drivetwin.run(what, **options))
+
     def _keep(self, bench):
         self.benches.append(bench)
         if self._bench is None:

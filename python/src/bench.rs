@@ -5,21 +5,25 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use drivetwin_firmware::device::Instant;
+use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_host::options::{Assignment, RunOptions};
 use drivetwin_host::{Configuration, Memories, Offline};
 use drivetwin_sim::bench::{self, DriveId, Settings};
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::has_own_motor;
 use drivetwin_sim::config::preset::{Number, Preset};
+use drivetwin_sim::config::time_mode::TimeMode;
+use drivetwin_sim::export::plot::Options;
 use drivetwin_sim::record::trace::Retention;
 use drivetwin_sim::{catalog, commands, export};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyIterator, PyList};
+use pyo3::types::{PyBytes, PyDict, PyIterator, PyList, PyTuple};
 
 use crate::drive::Drive;
 use crate::errors::{Error, refused, wrong};
 use crate::line::Line;
+use crate::recording::{self, PanelView};
+use crate::server::Server;
 use crate::shared::{Bench, Shared, seconds, span};
 use crate::tables;
 use crate::views::Motor;
@@ -53,10 +57,20 @@ impl Bench {
         })
     }
 
+    /// Refuses what changes the ports of a bench that is served.
+    fn check_no_ports(&self, method: &str) -> PyResult<()> {
+        if self.shared.server().is_none() {
+            return Ok(());
+        }
+        Err(Error::new_err(format!(
+            "{method} is not possible where ports are open already; name the drives in a bench file: drivetwin.run('bench.toml')"
+        )))
+    }
+
     /// Adds a table of a bench file.
     fn add_table(&self, py: Python<'_>, name: &str, keys: &Bound<'_, PyDict>) -> PyResult<()> {
         let text = tables::table(name, keys)?;
-        let added = self.shared.with(py, |open| tables::add(&mut open.bench, &text).map(drop))?;
+        let added = self.shared.with(py, |open| tables::add(open.bench, &text).map(drop))?;
         added.map_err(|sentence| wrong(&sentence))
     }
 }
@@ -109,6 +123,37 @@ impl Bench {
         Self::of(&Configuration::parse(text, Path::new("")).map_err(|sentence| wrong(&sentence))?)
     }
 
+    /// Runs `drivetwin run` with these arguments in a thread, which serves the ports of the bench.
+    #[staticmethod]
+    fn _run(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
+        Ok(Self { shared: Shared::of_run(Server::start(py, arguments)?) })
+    }
+
+    /// URL of the control API; None if there is none. `drivetwin.run` serves it.
+    #[getter]
+    fn control(&self) -> Option<&str> {
+        self.shared.server().and_then(Server::control)
+    }
+
+    /// Time mode: "manual" if only calls and requests move the clock, "real" or "xN" if it follows the wall clock, which
+    /// is possible with `drivetwin.run` only. May be set.
+    #[getter]
+    fn time(&self, py: Python<'_>) -> PyResult<String> {
+        self.shared.with(py, |open| open.time_mode.to_string())
+    }
+
+    #[setter]
+    fn set_time(&self, py: Python<'_>, mode: &str) -> PyResult<()> {
+        let mode: TimeMode =
+            mode.parse().map_err(|sentence| Error::new_err(format!("time: {sentence}, not '{mode}'")))?;
+        if self.shared.server().is_none() && mode != TimeMode::Manual {
+            return Err(Error::new_err(
+                "a bench without ports has virtual time; drivetwin.run has one that follows the wall clock",
+            ));
+        }
+        self.shared.with(py, |open| *open.time_mode = mode)
+    }
+
     /// Adds a drive of a kind, for instance "md3", and switches its power on.
     ///
     /// `name` is its kind by default; `address` its bus address and `set` registers, as if saved before power-on; `fast_boot`
@@ -129,6 +174,7 @@ impl Bench {
         program: Option<PathBuf>,
         motor: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Drive> {
+        self.check_no_ports("add")?;
         let spec = catalog::make(kind).map_err(|sentence| wrong(&sentence))?.spec();
         let name = name.unwrap_or(kind);
         let mut options =
@@ -151,7 +197,7 @@ impl Bench {
             }
         };
         let added = self.shared.with(py, |open| {
-            let (id, memories) = Configuration::read(options)?.add_to(&mut open.bench, name, &motor)?;
+            let (id, memories) = Configuration::read(options)?.add_to(open.bench, name, &motor)?;
             open.memories.extend(memories);
             Ok::<_, String>(id)
         })?;
@@ -160,7 +206,7 @@ impl Bench {
 
     /// The drive with that name.
     fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<Drive> {
-        let found = self.shared.with(py, |open| commands::drive(&open.bench, name))?;
+        let found = self.shared.with(py, |open| commands::drive(open.bench, name))?;
         self.drive(py, found.map_err(refused)?)
     }
 
@@ -213,7 +259,7 @@ impl Bench {
 
     /// The line or TCP port with that name: the name of a bus of a bench file, or "DRIVE.PORT".
     fn line(&self, py: Python<'_>, name: &str) -> PyResult<Line> {
-        let found = self.shared.with(py, |open| commands::outlet(&open.bench, name))?;
+        let found = self.shared.with(py, |open| commands::outlet(open.bench, name))?;
         Ok(Line::new(Arc::clone(&self.shared), found.map_err(refused)?))
     }
 
@@ -226,6 +272,7 @@ impl Bench {
         drives: &Bound<'_, PyAny>,
         keys: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Line> {
+        self.check_no_ports("bus")?;
         let table = copy(py, keys)?;
         table.set_item("name", name)?;
         let names = drives.try_iter()?.map(|drive| drive_name(&drive?));
@@ -262,7 +309,7 @@ impl Bench {
     #[getter]
     fn motors(&self, py: Python<'_>) -> PyResult<HashMap<String, Motor>> {
         self.shared.with(py, |open| {
-            let motors = open.bench.motors().map(|motor| Motor::of(&open.bench, motor));
+            let motors = open.bench.motors().map(|motor| Motor::of(open.bench, motor));
             motors.map(|motor| (motor.name.clone(), motor)).collect()
         })
     }
@@ -312,8 +359,78 @@ impl Bench {
         let table = PyDict::new(py);
         table.set_item("steps", steps)?;
         let text = tables::table("scenario", &table)?;
-        let played = self.shared.with(py, |open| tables::play(&mut open.bench, &text))?;
+        let played = self.shared.with(py, |open| tables::play(open.bench, &text))?;
         played.map_err(|sentence| wrong(&sentence))
+    }
+
+    /// Motion of a drive's first axis since it was added: a list of (seconds, position in steps or counts, speed per second),
+    /// or, where numpy is installed, a structured array with the fields "at", "position" and "speed".
+    ///
+    /// The values are exact. There is a sample at each begin and end of an acceleration and at each command, between them one
+    /// each `every` seconds while the axis moves, and two at an instant where the speed jumps. The motion of a motor of an
+    /// RS or MDROBOT is as it was simulated, each 1 to 10 ms.
+    #[pyo3(signature = (drive, every = 0.001))]
+    fn history<'py>(
+        &self,
+        py: Python<'py>,
+        drive: &Bound<'_, PyAny>,
+        every: f64,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let drive = self.__getitem__(py, &drive_name(drive)?)?;
+        if drive.spec.axes.is_empty() {
+            return Err(Error::new_err(format!(
+                "{} moves nothing: {} has no axis",
+                drive.name, drive.spec.kind
+            )));
+        }
+        let span = span("every", every)?;
+        if span < Duration::micros(1) {
+            return Err(Error::new_err(format!("every takes at least 0.000001 s, not {every}")));
+        }
+        let motion = self.shared.with_detached(py, |open| recording::motion(open.bench, drive.id, span))?;
+        let motion = motion.ok_or_else(|| {
+            Error::new_err(format!(
+                "the history has more than {} samples; take a greater every",
+                recording::MOST
+            ))
+        })?;
+        let fields = vec![("at", "=f8"), ("position", "=i4"), ("speed", "=f8")];
+        recording::rows(py, motion, fields, |(at, position, speed), bytes| {
+            bytes.extend(at.to_ne_bytes());
+            bytes.extend(position.to_ne_bytes());
+            bytes.extend(speed.to_ne_bytes());
+        })
+    }
+
+    /// A matplotlib figure of what happened: position, speed, frames and pins of the drives over time, as far as they
+    /// change. `drives` are drives or names, all by default; `start` and `end` are in seconds. Frames have the colour and
+    /// sign of their outcome. Needs matplotlib: `pip install 'drivetwin[plot]'`.
+    #[pyo3(signature = (*drives, start = None, end = None, title = None))]
+    fn plot<'py>(
+        slf: &Bound<'py, Self>,
+        drives: &Bound<'_, PyTuple>,
+        start: Option<f64>,
+        end: Option<f64>,
+        title: Option<&str>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let names = drives.iter().map(|drive| drive_name(&drive)).collect::<PyResult<Vec<String>>>()?;
+        slf.py().import("drivetwin._plot")?.call_method1("plot", (slf, names, start, end, title))
+    }
+
+    /// The tracks of a picture, for `plot`.
+    fn _tracks(
+        &self,
+        py: Python<'_>,
+        drives: Vec<String>,
+        start: Option<f64>,
+        end: Option<f64>,
+    ) -> PyResult<Vec<PanelView>> {
+        for (name, seconds) in [("start", start), ("end", end)] {
+            seconds.map(|seconds| span(name, seconds)).transpose()?;
+        }
+        let options = Options { drives, from: start, to: end, ..Options::default() };
+        let panels = self.shared.with_detached(py, |open| recording::panels(open.bench, &options))?;
+        panels.map_err(|sentence| wrong(&sentence))
     }
 
     /// The recording so far, as text for `drivetwin replay`.
@@ -334,7 +451,7 @@ impl Bench {
     fn pcapng<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = self.shared.with_detached(py, |open| {
             let mut bytes = Vec::new();
-            export::pcapng::write(&open.bench, &mut bytes).map(|()| bytes)
+            export::pcapng::write(open.bench, &mut bytes).map(|()| bytes)
         })?;
         Ok(PyBytes::new(py, &bytes?))
     }

@@ -4,10 +4,9 @@ use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
 
-use drivetwin_firmware::device::{Fault, Port as PortNumber, Spec};
+use drivetwin_firmware::device::{Fault, Instant, Port as PortNumber, Spec};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{DriveId, PowerAction};
-use drivetwin_sim::signals::pulses::Pulse;
 use drivetwin_sim::{commands, suggest};
 use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
@@ -16,7 +15,8 @@ use pyo3::types::{PyBytes, PyDict};
 use crate::errors::{Error, UnknownName, refused, wrong};
 use crate::line::{Line, Port};
 use crate::named::{Pins, Registers, is_light};
-use crate::shared::{Bench, Shared, seconds, span};
+use crate::recording;
+use crate::shared::{Bench, Shared, span};
 use crate::views::{Motion, Request};
 
 /// A drive on a bench: what a person at it could see and do, and what a master on its line can ask.
@@ -34,8 +34,41 @@ impl Drive {
         name.map_or(Ok(PortNumber(0)), |name| commands::port(self.spec, name).map_err(refused))
     }
 
+    /// Name of the port with that name, or of the first one.
+    fn port_name(&self, name: Option<&str>) -> PyResult<&'static str> {
+        let PortNumber(number) = self.find_port(name)?;
+        Ok(self.spec.ports.get(usize::from(number)).map_or("", |port| port.name))
+    }
+
+    /// Sends a request in real time, and waits until it is answered, or will not be.
+    fn ask_and_wait(&self, py: Python<'_>, port: PortNumber, frame: &[u8]) -> PyResult<Vec<u8>> {
+        let _turn = self.shared.begin_to_ask(py)?;
+        let client = self.shared.with(py, |open| {
+            let client = open.streams.connect(open.bench, self.id, port).ok()?;
+            open.bench.send(client, frame);
+            Some(client)
+        })?;
+        let Some(client) = client else { return Ok(Vec::new()) };
+        let (mut reply, mut patience) = (Vec::new(), None);
+        let waited = self.shared.poll(py, |open| {
+            open.streams.receive(open.bench, client, &mut reply);
+            if open.bench.backlog(client) > 0 {
+                // What comes before the request is on the line answers other requests.
+                reply.clear();
+                return None;
+            }
+            let patience = *patience.get_or_insert(open.bench.now() + open.time_mode.frame_timeout() * 2);
+            let is_over = !reply.is_empty() || open.bench.now() >= patience;
+            let is_over = is_over && !open.bench.is_being_served(client);
+            (is_over || open.streams.ended(open.bench, client).is_some()).then_some(())
+        });
+        // Also after Ctrl-C the connection ends.
+        self.shared.with(py, |open| open.streams.disconnect(open.bench, client))?;
+        waited.map(|()| reply)
+    }
+
     fn set_fault(&self, py: Python<'_>, name: &str, on: bool) -> PyResult<()> {
-        let set = self.shared.with(py, |open| commands::fault(&mut open.bench, self.id, name, on))?;
+        let set = self.shared.with(py, |open| commands::fault(open.bench, self.id, name, on))?;
         set.map_err(refused)
     }
 }
@@ -66,8 +99,41 @@ impl Drive {
         self.spec.ports.iter().map(|port| port.name).collect()
     }
 
+    /// All addresses of a port, the first one if none is named, for instance "tcp:127.0.0.1:40123": those that
+    /// `drivetwin.run` has opened.
+    #[pyo3(signature = (port = None))]
+    fn uris(&self, port: Option<&str>) -> PyResult<Vec<String>> {
+        let port = self.port_name(port)?;
+        let server = self.shared.server();
+        Ok(server.map_or_else(Vec::new, |server| server.uris(&self.name, port).to_vec()))
+    }
+
+    /// The first address of a port, the first one if none is named.
+    #[pyo3(signature = (port = None))]
+    fn uri(&self, port: Option<&str>) -> PyResult<String> {
+        let name = self.port_name(port)?;
+        self.uris(port)?.into_iter().next().ok_or_else(|| {
+            Error::new_err(format!("{name} of {} has no address; drivetwin.run gives it one", self.name))
+        })
+    }
+
+    /// Path of the first pty of the drive.
+    #[getter]
+    fn pty(&self) -> PyResult<String> {
+        for port in self.spec.ports {
+            let uris = self.uris(Some(port.name))?;
+            if let Some(path) = uris.iter().find_map(|uri| uri.strip_prefix("pty:")) {
+                return Ok(path.to_owned());
+            }
+        }
+        Err(Error::new_err(format!(
+            "{} has no pty; drivetwin.run gives it one with listen='pty:'",
+            self.name
+        )))
+    }
+
     /// Sends a whole message to a port, the first one if none is named, and returns the answer. b"" is silence. Bench
-    /// time goes on until the drive has answered, or will not.
+    /// time goes on until the drive has answered, or will not; where the clock follows the wall clock, this waits.
     #[pyo3(signature = (frame, port = None))]
     fn ask<'py>(
         &self,
@@ -76,7 +142,13 @@ impl Drive {
         port: Option<&str>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         let port = self.find_port(port)?;
-        let reply = self.shared.with(py, |open| open.bench.ask_at(self.id, port, &frame))?;
+        let reply = self
+            .shared
+            .with(py, |open| open.is_manual().then(|| open.bench.ask_at(self.id, port, &frame)))?;
+        let reply = match reply {
+            Some(reply) => reply,
+            None => self.ask_and_wait(py, port, &frame)?,
+        };
         Ok(PyBytes::new(py, &reply))
     }
 
@@ -111,32 +183,32 @@ impl Drive {
                 self.name, self.spec.kind
             )));
         }
-        self.shared.with(py, |open| Motion::of(&open.bench, self.id))
+        self.shared.with(py, |open| Motion::of(open.bench, self.id))
     }
 
-    /// All pulses of the STEP output since the drive was added: a list of (seconds, +1 or -1), or, where numpy is
-    /// installed, a structured array with the fields "at" and "step".
+    /// The pulses of the STEP output since the last power-on: a list of (seconds, +1 or -1), or, where numpy is installed,
+    /// a structured array with the fields "at" and "step".
     fn pulses<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         if self.spec.axes.first().is_none_or(|axis| axis.step_dir.is_none()) {
             return Err(Error::new_err(format!("{} has no STEP output", self.name)));
         }
-        let step = |pulse: Pulse| (seconds(pulse.rise), if pulse.forward { 1_i8 } else { -1 });
-        let pulses: Vec<(f64, i8)> =
-            self.shared.with_detached(py, |open| open.bench.pulses(self.id.step()).map(step).collect())?;
-        let Ok(numpy) = py.import("numpy") else { return pulses.into_pyobject(py) };
-        let bytes: Vec<u8> = pulses
-            .iter()
-            .flat_map(|(at, step)| at.to_ne_bytes().into_iter().chain(step.to_ne_bytes()))
-            .collect();
-        let fields = vec![("at", "=f8"), ("step", "i1")];
-        let array = numpy.call_method1("frombuffer", (PyBytes::new(py, &bytes), fields))?;
-        array.call_method0("copy")
+        let pulses = self.shared.with_detached(py, |open| recording::pulses(open.bench, self.id))?;
+        let pulses = pulses.ok_or_else(|| {
+            Error::new_err(format!(
+                "the pulses of {} are not known: the recording has lost their beginning, or there is none",
+                self.name
+            ))
+        })?;
+        recording::rows(py, pulses, vec![("at", "=f8"), ("step", "i1")], |(at, step), bytes| {
+            bytes.extend(at.to_ne_bytes());
+            bytes.extend(step.to_ne_bytes());
+        })
     }
 
     /// Turns the encoder at the inputs A and B by `counts` edges, four per cycle, `hz` of them per second of bench time
     /// (0.000001 to 16,000,000); backwards if `counts` is negative. The edges come while time advances.
     fn encoder(&self, py: Python<'_>, counts: i64, hz: f64) -> PyResult<()> {
-        let begun = self.shared.with(py, |open| commands::encoder(&mut open.bench, self.id, counts, hz))?;
+        let begun = self.shared.with(py, |open| commands::encoder(open.bench, self.id, counts, hz))?;
         begun.map_err(refused)
     }
 
@@ -144,9 +216,8 @@ impl Drive {
     /// `duty` is the part of its period for which a pulse lasts.
     #[pyo3(signature = (pin, count, hz, duty = 0.5))]
     fn pulse(&self, py: Python<'_>, pin: &str, count: u32, hz: f64, duty: f64) -> PyResult<()> {
-        let begun = self
-            .shared
-            .with(py, |open| commands::pulse_pin(&mut open.bench, self.id, pin, count, hz, duty))?;
+        let begun =
+            self.shared.with(py, |open| commands::pulse_pin(open.bench, self.id, pin, count, hz, duty))?;
         begun.map_err(refused)
     }
 
@@ -208,7 +279,6 @@ impl Drive {
         function: Option<u8>,
         register: Option<&str>,
     ) -> PyResult<Vec<Request>> {
-        use drivetwin_firmware::device::Instant;
         let since = Instant::ZERO + span("since", since)?;
         let register =
             register.map(|name| commands::register(self.spec, name)).transpose().map_err(refused)?;
@@ -252,9 +322,9 @@ impl Drive {
     /// Opens a port as a stream on virtual time.
     fn port(&self, py: Python<'_>, name: &str) -> PyResult<Port> {
         let port = self.find_port(Some(name))?;
-        let (client, bus) = self
-            .shared
-            .with(py, |open| (open.bench.connect_to(self.id, port), open.bench.bus(self.id, port)))?;
+        let (client, bus) = self.shared.with(py, |open| {
+            (open.streams.connect(open.bench, self.id, port), open.bench.bus(self.id, port))
+        })?;
         let client =
             client.map_err(|error| wrong(&format!("{} refuses a connection: {error}", self.name)))?;
         Ok(Port::new(Arc::clone(&self.shared), client, bus, format!("{}.{name}", self.name)))
@@ -264,8 +334,7 @@ impl Drive {
     /// `drivetwin.urlhandler.protocol_drivetwin`. It is valid as long as the bench.
     #[pyo3(signature = (port = None))]
     fn url<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
-        let PortNumber(number) = self.find_port(port)?;
-        let name = self.spec.ports.get(usize::from(number)).map_or("", |port| port.name);
+        let name = self.port_name(port)?;
         let handler = py.import("drivetwin.urlhandler")?;
         handler.call_method1("url", (self.bench(), &self.name, name))
     }

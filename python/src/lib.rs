@@ -3,12 +3,13 @@
 //! | module | what it holds |
 //! |---|---|
 //! | `errors` | exceptions with the sentences of the command line |
-//! | `server` | a bench with ports, in a thread |
+//! | `server` | a run with ports, in a thread |
 //! | `shared` | what the objects of a bench share: lock, process, end |
 //! | `views` | values that do not change: motion, requests, motors |
 //! | `tables` | keyword arguments as tables of a bench file |
 //! | `named` | what a drive has by name: registers, pins |
 //! | `line` | lines and TCP ports: faults, streams |
+//! | `recording` | pulses, motion over time, tracks of a picture |
 //! | `drive` | a drive |
 //! | `bench` | methods of a bench |
 //!
@@ -22,6 +23,7 @@ mod drive;
 mod errors;
 mod line;
 mod named;
+mod recording;
 mod server;
 mod shared;
 mod tables;
@@ -43,12 +45,6 @@ fn kinds() -> Vec<&'static str> {
     drivetwin_sim::catalog::specs().map(|spec| spec.kind).collect()
 }
 
-/// The sentence that there is no `what` called `name`, with the nearest of `names`.
-#[pyfunction]
-fn unknown(what: &str, name: &str, names: Vec<String>) -> String {
-    drivetwin_sim::suggest::unknown(what, name, names.iter().map(String::as_str))
-}
-
 /// Panics, so that a test sees what becomes of a panic.
 #[pyfunction]
 fn panic_for_test(bench: &shared::Bench, py: Python<'_>) -> PyResult<()> {
@@ -61,7 +57,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_function(wrap_pyfunction!(command, module)?)?;
     module.add_function(wrap_pyfunction!(kinds, module)?)?;
-    module.add_function(wrap_pyfunction!(unknown, module)?)?;
     module.add_function(wrap_pyfunction!(panic_for_test, module)?)?;
     module.add_class::<shared::Bench>()?;
     module.add_class::<drive::Drive>()?;
@@ -69,7 +64,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<named::Pins>()?;
     module.add_class::<line::Line>()?;
     module.add_class::<line::Port>()?;
-    module.add_class::<server::Server>()?;
     module.add_class::<views::Motion>()?;
     module.add_class::<views::Motor>()?;
     module.add_class::<views::Request>()?;

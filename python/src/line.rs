@@ -58,13 +58,13 @@ impl Line {
             return self.shared.with(py, |open| open.bench.set_faults(self.outlet, LineFaults::NONE));
         };
         let keys = faults.copy()?;
-        let name = self.shared.with(py, |open| unique_name(&open.bench, self.outlet))?;
+        let name = self.shared.with(py, |open| unique_name(open.bench, self.outlet))?;
         if keys.contains("bus")? {
             return Err(Error::new_err("bus is not an argument: these are the faults of one line"));
         }
         keys.set_item("bus", name)?;
         let text = tables::table("fault", &keys)?;
-        let set = self.shared.with(py, |open| tables::add(&mut open.bench, &text).map(drop))?;
+        let set = self.shared.with(py, |open| tables::add(open.bench, &text).map(drop))?;
         set.map_err(|sentence| wrong(&sentence))
     }
 
@@ -88,7 +88,7 @@ impl Line {
     }
 }
 
-/// A connection to a port of a drive, on virtual time: nothing waits. What is written goes out while time advances.
+/// A connection to a port of a drive, without a port of the system. What is written goes out while time passes.
 #[pyclass(frozen, module = "drivetwin")]
 pub(crate) struct Port {
     shared: Arc<Shared>,
@@ -134,7 +134,7 @@ impl Port {
     fn write(&self, py: Python<'_>, data: PyBackedBytes) -> PyResult<usize> {
         self.check()?;
         let settings = self.settings();
-        let ended = self.shared.with(py, |open| match open.bench.ended(self.client) {
+        let ended = self.shared.with(py, |open| match open.streams.ended(open.bench, self.client) {
             None => {
                 // A port of seven data bits has no eighth one.
                 let mask = settings.data.map_or(0xFF, |data| 0xFF >> (8 - data.min(8)));
@@ -154,7 +154,7 @@ impl Port {
     fn read<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         self.check()?;
         let mut bytes = Vec::new();
-        self.shared.with(py, |open| open.bench.receive(self.client, &mut bytes))?;
+        self.shared.with(py, |open| open.streams.receive(open.bench, self.client, &mut bytes))?;
         Ok(PyBytes::new(py, &bytes))
     }
 
@@ -200,33 +200,41 @@ impl Port {
     fn wait(&self, py: Python<'_>, seconds: f64) -> PyResult<bool> {
         self.check()?;
         let (longest, piece) = (span("wait", seconds)?, span("wait", PIECE)?);
-        let until = self.shared.with(py, |open| open.bench.now() + longest)?;
-        loop {
-            let (is_readable, is_over) = self.shared.with_detached(py, |open| {
+        let mut until = None;
+        self.shared.poll(py, |open| {
+            let until = *until.get_or_insert(open.bench.now() + longest);
+            if open.is_manual() && !open.streams.is_readable(open.bench, self.client) {
                 let at = until.min(open.bench.now() + piece);
                 open.bench.run_until_readable(self.client, at);
-                (open.bench.readable().any(|client| client == self.client), open.bench.now() >= until)
-            })?;
-            if is_readable || is_over {
-                return Ok(is_readable);
             }
-            py.check_signals()?;
-        }
+            let is_readable = open.streams.is_readable(open.bench, self.client);
+            (is_readable || open.bench.now() >= until).then_some(is_readable)
+        })
     }
 
     /// Lets bench time pass until every complete request is answered, or will not be.
     fn settle(&self, py: Python<'_>) -> PyResult<()> {
         self.check()?;
-        self.shared.with_detached(py, |open| open.bench.run_until_idle())
+        self.shared.poll(py, |open| {
+            if open.is_manual() {
+                open.bench.run_until_idle();
+            }
+            (open.is_manual() || open.bench.is_served(self.client)).then_some(())
+        })
     }
 
     /// Lets bench time pass until all that was written is on the line, at most `seconds`.
     fn drain(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         self.check()?;
         let longest = span("drain", seconds)?;
-        self.shared.with_detached(py, |open| {
-            let until = open.bench.now() + longest;
-            open.bench.run_until_transmitted(self.client, until);
+        let mut until = None;
+        self.shared.poll(py, |open| {
+            let until = *until.get_or_insert(open.bench.now() + longest);
+            if open.is_manual() {
+                open.bench.run_until_transmitted(self.client, until);
+                return Some(());
+            }
+            (open.bench.backlog(self.client) == 0 || open.bench.now() >= until).then_some(())
         })
     }
 
@@ -248,7 +256,7 @@ impl Port {
         if self.closed.swap(true, Ordering::Relaxed) {
             return Ok(());
         }
-        self.shared.with(py, |open| open.bench.disconnect(self.client))
+        self.shared.with(py, |open| open.streams.disconnect(open.bench, self.client))
     }
 
     /// True if this end is closed.

@@ -50,7 +50,7 @@ fn read(bench: &Bench, drive: DriveId, register: Named) -> RegisterValue {
 impl Registers {
     fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<RegisterValue> {
         let register = commands::register(self.spec, name).map_err(refused)?;
-        self.shared.with(py, |open| read(&open.bench, self.id, register))
+        self.shared.with(py, |open| read(open.bench, self.id, register))
     }
 
     fn __setitem__(&self, py: Python<'_>, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
@@ -61,7 +61,7 @@ impl Registers {
         } else {
             NewValue::Number(Number::Decimal(value.extract::<i64>()?))
         };
-        let set = self.shared.with(py, |open| commands::preset(&mut open.bench, self.id, name, &value))?;
+        let set = self.shared.with(py, |open| commands::preset(open.bench, self.id, name, &value))?;
         set.map_err(refused)
     }
 
@@ -129,7 +129,7 @@ impl Pins {
     }
 
     fn set(&self, py: Python<'_>, name: &str, level: InputLevel) -> PyResult<()> {
-        let set = self.shared.with(py, |open| commands::drive_pin(&mut open.bench, self.id, name, level))?;
+        let set = self.shared.with(py, |open| commands::drive_pin(open.bench, self.id, name, level))?;
         set.map_err(refused)
     }
 }

@@ -1,20 +1,23 @@
 //! A bench with ports and control API, in a thread of this process.
 
+use std::collections::HashMap;
 use std::ffi::OsString;
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;
 use std::sync::{Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 
-use drivetwin_host::{Configuration, Running};
+use drivetwin_host::{Configuration, Lender, Running};
 use pyo3::prelude::*;
 
 use crate::errors::{Error, wrong};
 
 /// A run of `drivetwin run` in a thread of this process.
-#[pyclass(frozen, module = "drivetwin._native")]
 pub(crate) struct Server {
-    json: String,
+    /// URL of the control API; `None` if it is off.
+    control: Option<String>,
+    /// URIs of each drive and port.
+    uris: Uris,
     /// `None` when the run is ended.
     run: Mutex<Option<Run>>,
     process: u32,
@@ -23,6 +26,7 @@ pub(crate) struct Server {
 /// A run that is not ended.
 struct Run {
     thread: JoinHandle<Result<(), String>>,
+    lender: Lender,
     /// Ends the run when it is written to.
     stop: UnixStream,
 }
@@ -42,41 +46,55 @@ impl Server {
     }
 }
 
-#[pymethods]
+/// What a run tells when it has begun.
+struct Begun {
+    lender: Lender,
+    control: Option<String>,
+    uris: Uris,
+}
+
 impl Server {
     /// Starts a run with these arguments of the command line.
-    #[new]
-    fn new(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
+    pub(crate) fn start(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
         let (stopped, stop) = UnixStream::pair()?;
         let (to_caller, begun) = mpsc::channel();
         // The run belongs to its thread from the beginning.
-        let run = move || {
-            let running = begin(arguments).and_then(|running| Ok((running.json()?, running)));
-            match running {
-                Ok((json, running)) => {
-                    let _ = to_caller.send(Ok(json));
-                    running.serve(&stopped)
-                }
-                Err(sentence) => {
-                    let _ = to_caller.send(Err(sentence));
-                    Ok(())
-                }
+        let run = move || match begin(arguments) {
+            Ok((running, uris)) => {
+                let (lender, control) = (running.lender(), running.control());
+                let _ = to_caller.send(Ok(Begun { lender, control, uris }));
+                running.serve(&stopped)
+            }
+            Err(sentence) => {
+                let _ = to_caller.send(Err(sentence));
+                Ok(())
             }
         };
         let thread = std::thread::Builder::new().name("drivetwin".into()).spawn(run)?;
-        let json =
-            py.detach(move || begun.recv()).map_err(|_| panicked())?.map_err(|sentence| wrong(&sentence))?;
-        Ok(Self { json, run: Mutex::new(Some(Run { thread, stop })), process: std::process::id() })
+        let begun = py.detach(move || begun.recv()).map_err(|_| panicked())?;
+        let Begun { lender, control, uris } = begun.map_err(|sentence| wrong(&sentence))?;
+        let run = Mutex::new(Some(Run { thread, lender, stop }));
+        Ok(Self { control, uris, run, process: std::process::id() })
     }
 
-    /// The line of `drivetwin run --json`.
-    #[getter]
-    fn json(&self) -> &str {
-        &self.json
+    /// Lends the bench of the run; `None` if the run is ended.
+    pub(crate) fn lender(&self) -> Option<Lender> {
+        let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+        run.as_ref().map(|run| run.lender.clone())
+    }
+
+    /// URL of the control API; `None` if it is off.
+    pub(crate) fn control(&self) -> Option<&str> {
+        self.control.as_deref()
+    }
+
+    /// URIs of a port of a drive.
+    pub(crate) fn uris(&self, drive: &str, port: &'static str) -> &[String] {
+        self.uris.get(&(drive.to_owned(), port)).map_or(&[], Vec::as_slice)
     }
 
     /// Ends the run. Its files are then complete, and its ports are closed.
-    fn stop(&self, py: Python<'_>) -> PyResult<()> {
+    pub(crate) fn stop(&self, py: Python<'_>) -> PyResult<()> {
         let Some(mut run) = self.take_run() else { return Ok(()) };
         let ended = py.detach(|| {
             run.end();
@@ -87,13 +105,20 @@ impl Server {
     }
 }
 
+/// URIs of each drive and port.
+type Uris = HashMap<(String, &'static str), Vec<String>>;
+
 /// Opens the ports of a run.
-fn begin(arguments: Vec<OsString>) -> Result<Running, String> {
+fn begin(arguments: Vec<OsString>) -> Result<(Running, Uris), String> {
     let configuration = Configuration::read(drivetwin_cli::run_options(arguments)?)?;
     if configuration.uses_stdio() {
         return Err("stdio: is not possible here: standard input is that of Python".to_owned());
     }
-    configuration.prepare()?.open()
+    let running = configuration.prepare()?.open()?;
+    let ports =
+        running.drives().flat_map(|(name, spec)| spec.ports.iter().map(move |port| (name, port.name)));
+    let uris = ports.map(|(name, port)| ((name.to_owned(), port), running.uris(name, port))).collect();
+    Ok((running, uris))
 }
 
 fn panicked() -> PyErr {

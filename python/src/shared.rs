@@ -1,15 +1,18 @@
 //! The class of a bench, and what its drives, pins and ports share with it.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_host::{Memories, Offline};
+use drivetwin_host::{Memories, Offline, Possession, Streams, Wait, Waited};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench;
+use drivetwin_sim::config::time_mode::TimeMode;
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt as _;
 
 use crate::errors::{Error, wrong};
+use crate::server::Server;
 
 /// Greatest time in seconds: 31 years.
 const LONGEST: f64 = 1e9;
@@ -17,8 +20,15 @@ const LONGEST: f64 = 1e9;
 /// Number of events between two looks for Ctrl-C: some milliseconds.
 const EVENTS: usize = 4_096;
 
-/// A bench of drives on virtual time, in this process: no ports, no threads. Time passes only in `advance`, `run_until` and
-/// `ask`, and the same calls always have the same results. `with Bench() as bench:` closes it at the end.
+/// Longest wait for a run in real time between two looks for what a call waits for.
+const NAP: std::time::Duration = std::time::Duration::from_millis(1);
+
+/// Longest wait between two looks for Ctrl-C.
+const PATIENCE: std::time::Duration = std::time::Duration::from_millis(100);
+
+/// A bench of drives in this process, on virtual time: no ports, no threads. Time passes only in `advance`, `run_until` and
+/// `ask`, and the same calls always have the same results. `with Bench() as bench:` closes it at the end. `drivetwin.run`
+/// returns one with ports, which are served by a thread.
 #[pyclass(frozen, mapping, module = "drivetwin")]
 pub(crate) struct Bench {
     pub(crate) shared: Arc<Shared>,
@@ -26,21 +36,61 @@ pub(crate) struct Bench {
 
 /// A bench, its lock, and the process that it belongs to.
 pub(crate) struct Shared {
-    /// `None` when the bench is closed.
-    open: Mutex<Option<Open>>,
+    place: Place,
+    /// True while a call asks a drive in real time. A master on a line asks one request after the other.
+    asking: AtomicBool,
     process: u32,
 }
 
-/// A bench that is not closed.
-pub(crate) struct Open {
-    pub(crate) bench: bench::Bench,
-    pub(crate) memories: Memories,
+/// Where a bench is.
+enum Place {
+    /// Here; `None` when it is closed.
+    Here(Mutex<Option<Box<Here>>>),
+    /// In the thread of a run. The flag is set while a call uses the bench, and stays set if the call panics.
+    Run(Server, AtomicBool),
+}
+
+struct Here {
+    offline: Offline,
+    streams: Streams,
+}
+
+/// A bench that is not closed, while a call uses it.
+pub(crate) struct Open<'a> {
+    pub(crate) bench: &'a mut bench::Bench,
+    pub(crate) streams: &'a mut Streams,
+    /// Memories of a bench that has no ports.
+    pub(crate) memories: &'a mut Memories,
+    pub(crate) time_mode: &'a mut TimeMode,
+}
+
+impl Open<'_> {
+    /// Returns true if only calls move the clock.
+    pub(crate) fn is_manual(&self) -> bool {
+        *self.time_mode == TimeMode::Manual
+    }
 }
 
 impl Shared {
-    pub(crate) fn new(Offline { bench, memories }: Offline) -> Arc<Self> {
-        let open = Mutex::new(Some(Open { bench, memories }));
-        Arc::new(Self { open, process: std::process::id() })
+    pub(crate) fn new(offline: Offline) -> Arc<Self> {
+        let here = Here { offline, streams: Streams::default() };
+        Self::at(Place::Here(Mutex::new(Some(Box::new(here)))))
+    }
+
+    pub(crate) fn of_run(server: Server) -> Arc<Self> {
+        Self::at(Place::Run(server, AtomicBool::new(false)))
+    }
+
+    fn at(place: Place) -> Arc<Self> {
+        Arc::new(Self { place, asking: AtomicBool::new(false), process: std::process::id() })
+    }
+
+    /// The run that serves the bench; `None` if it has no ports.
+    pub(crate) fn server(&self) -> Option<&Server> {
+        match &self.place {
+            Place::Here(_) => None,
+            Place::Run(server, _) => Some(server),
+        }
     }
 
     /// Returns whether this is the process that made the bench. After a fork, a thread of the parent may have left the
@@ -57,46 +107,151 @@ impl Shared {
     }
 
     /// Calls `act` with the bench, when no other thread uses it. `act` creates no Python object.
-    pub(crate) fn with<T>(&self, py: Python<'_>, act: impl FnOnce(&mut Open) -> T) -> PyResult<T> {
+    pub(crate) fn with<T>(&self, py: Python<'_>, act: impl FnOnce(&mut Open<'_>) -> T) -> PyResult<T> {
         self.check_process()?;
-        let open = self.open.lock_py_attached(py);
-        let mut open = open.map_err(|_| panicked())?;
-        open.as_mut().map(act).ok_or_else(closed)
+        match &self.place {
+            Place::Here(here) => {
+                let mut here = here.lock_py_attached(py).map_err(|_| panicked())?;
+                here.as_mut().map(|here| here.lend(act)).ok_or_else(closed)
+            }
+            Place::Run(server, in_use) => borrow(py, server, in_use, act),
+        }
     }
 
     /// Like [`with`](Self::with), while other threads of Python run: for what takes long.
     pub(crate) fn with_detached<T: Send>(
         &self,
         py: Python<'_>,
-        act: impl FnOnce(&mut Open) -> T + Send,
+        act: impl FnOnce(&mut Open<'_>) -> T + Send,
     ) -> PyResult<T> {
         self.check_process()?;
-        let done = py.detach(|| self.open.lock().map(|mut open| open.as_mut().map(act)).map_err(drop));
-        done.map_err(|()| panicked())?.ok_or_else(closed)
+        match &self.place {
+            Place::Here(here) => {
+                let act = |here: &mut Box<Here>| here.lend(act);
+                let done = py.detach(|| here.lock().map(|mut here| here.as_mut().map(act)).map_err(drop));
+                done.map_err(|()| panicked())?.ok_or_else(closed)
+            }
+            Place::Run(server, in_use) => borrow(py, server, in_use, |open| py.detach(|| act(open))),
+        }
+    }
+
+    /// Calls `act` until it returns something. While the clock follows the wall clock, there is a pause before the next
+    /// call; else `act` moves the clock. Looks for Ctrl-C in between.
+    pub(crate) fn poll<T: Send>(
+        &self,
+        py: Python<'_>,
+        mut act: impl FnMut(&mut Open<'_>) -> Option<T> + Send,
+    ) -> PyResult<T> {
+        loop {
+            let (done, is_manual) = self.with_detached(py, |open| (act(open), open.is_manual()))?;
+            if let Some(done) = done {
+                return Ok(done);
+            }
+            if !is_manual {
+                py.detach(nap);
+            }
+            py.check_signals()?;
+        }
+    }
+
+    /// Waits until no other thread asks a drive. The turn ends when the returned value is dropped.
+    pub(crate) fn begin_to_ask(&self, py: Python<'_>) -> PyResult<Turn<'_>> {
+        self.poll(py, |_| (!self.asking.swap(true, Ordering::Acquire)).then_some(()))?;
+        Ok(Turn(&self.asking))
     }
 
     /// Runs the bench until `at`, while other threads of Python run. Looks for Ctrl-C in between.
     pub(crate) fn run(&self, py: Python<'_>, at: Instant) -> PyResult<()> {
-        while !self.with_detached(py, |open| open.bench.run_some(at, EVENTS))? {
-            py.check_signals()?;
-        }
-        Ok(())
+        let moved = self.poll(py, |open| {
+            let time_mode = *open.time_mode;
+            if time_mode != TimeMode::Manual {
+                return Some(Err(time_mode));
+            }
+            open.bench.run_some(at, EVENTS).then_some(Ok(()))
+        })?;
+        moved.map_err(|time_mode| {
+            Error::new_err(format!(
+                "the clock follows the wall clock (time is '{time_mode}'), so a call cannot move it; use time='manual'"
+            ))
+        })
     }
 
     pub(crate) fn is_closed(&self, py: Python<'_>) -> PyResult<bool> {
         self.check_process()?;
-        Ok(self.open.lock_py_attached(py).is_ok_and(|open| open.is_none()))
+        Ok(match &self.place {
+            Place::Here(here) => here.lock_py_attached(py).is_ok_and(|here| here.is_none()),
+            Place::Run(server, _) => server.lender().is_none(),
+        })
     }
 
-    /// Ends the bench. Files of memories are then on the disk.
+    /// Ends the bench. Files of memories are then on the disk, and ports closed.
     pub(crate) fn close(&self, py: Python<'_>) -> PyResult<()> {
         self.check_process()?;
-        let closed = self.open.lock_py_attached(py).ok().and_then(|mut open| open.take());
+        let here = match &self.place {
+            Place::Here(here) => here,
+            Place::Run(server, _) => return server.stop(py),
+        };
+        let closed = here.lock_py_attached(py).ok().and_then(|mut here| here.take());
         match closed {
-            Some(open) => py.detach(|| open.memories.sync()).map_err(|sentence| wrong(&sentence)),
+            Some(here) => py.detach(|| here.offline.memories.sync()).map_err(|sentence| wrong(&sentence)),
             None => Ok(()),
         }
     }
+}
+
+/// The turn of a thread that asks a drive.
+pub(crate) struct Turn<'a>(&'a AtomicBool);
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        self.0.store(false, Ordering::Release);
+    }
+}
+
+impl Here {
+    fn lend<T>(&mut self, act: impl FnOnce(&mut Open<'_>) -> T) -> T {
+        let Self { offline: Offline { bench, memories }, streams } = self;
+        act(&mut Open { bench, streams, memories, time_mode: &mut TimeMode::Manual })
+    }
+}
+
+/// Calls `act` with the bench of a run, and waits until its changes have had their effect.
+fn borrow<T>(
+    py: Python<'_>,
+    server: &Server,
+    in_use: &AtomicBool,
+    act: impl FnOnce(&mut Open<'_>) -> T,
+) -> PyResult<T> {
+    let lender = server.lender().ok_or_else(closed)?;
+    let mut loan = until_over(py, lender.borrow())?;
+    if in_use.swap(true, Ordering::Relaxed) {
+        return Err(panicked());
+    }
+    let Possession { bench, streams, time_mode } = &mut loan.lent;
+    let done = act(&mut Open { bench, streams, memories: &mut Memories::default(), time_mode });
+    in_use.store(false, Ordering::Relaxed);
+    until_over(py, loan.give_back())?;
+    Ok(done)
+}
+
+/// Waits while other threads of Python run. Looks for Ctrl-C in between.
+fn until_over<T: Send>(py: Python<'_>, mut wait: Wait<T>) -> PyResult<T> {
+    loop {
+        match py.detach(|| wait.wait(PATIENCE)) {
+            Waited::Over(what) => return Ok(what),
+            Waited::NotYet => py.check_signals()?,
+            Waited::Ended => return Err(closed()),
+        }
+    }
+}
+
+/// Waits for the wall clock.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "no event tells when a call can go on that waits for bench time"
+)]
+fn nap() {
+    std::thread::sleep(NAP);
 }
 
 fn panicked() -> PyErr {

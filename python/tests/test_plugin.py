@@ -91,3 +91,26 @@ def test_long_and_strange_names_are_file_names(pytester):
     )
     pytester.runpytest_subprocess("--drivetwin-artifacts", "kept").assert_outcomes(failed=4)
     assert len(list((pytester.path / "kept").iterdir())) == 12
+
+
+def test_a_bench_with_ports_ends_with_its_test(pytester):
+    pytester.makepyfile(
+        """
+        import pytest, drivetwin
+        kept = []
+
+        def test_makes(twin):
+            kept.append(twin.run("md3", time="manual"))
+            assert twin.bench == kept[0] and kept[0]["md3"].uri().startswith("tcp:127.0.0.1:")
+            kept[0].advance(1.5)
+            assert False
+
+        def test_sees_the_end(twin):
+            with pytest.raises(drivetwin.Error, match="^the bench is closed$"):
+                kept[0].now
+        """
+    )
+    result = pytester.runpytest_subprocess("--drivetwin-artifacts", "kept")
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(["the bench was at 1.5 s; replay: *"])
+    assert len(list((pytester.path / "kept").iterdir())) == 3

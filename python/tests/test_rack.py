@@ -36,6 +36,97 @@ def test_pymodbus_moves_a_motor_in_manual_time():
         assert list(rack) == ["md3"] and len(rack) == 1 and "md3" in rack and x.ports == ["rs485"]
 
 
+def test_a_drive_with_ports_has_the_methods_of_one_without():
+    """The same program, against a bench with ports and one without, has the same results."""
+    with drivetwin.run("md3", **MANUAL, control="off", seed=3) as served, drivetwin.Bench(seed=3) as alone:
+        alone.add("md3", fast_boot=True)
+        assert served.control is None and served.time == alone.time == "manual"
+        seen = []
+        for bench in served, alone:
+            x = bench["md3"]
+            of = [x.bench == bench, x.name, x.kind, x.ports, x.powered, dict(x.registers), dict(x.pins), x.leds]
+            of += [x.ask(write(1, 0x11, 1)), x.ask(b"\x01"), x.ask(write(9, 0x11, 1)), bench.now]
+            bench.advance(0.25)
+            of += [repr(x.motion), bench.now]
+            x.registers["UserRegister"] = 7
+            x.pins["J2.3"] = "low"
+            x.encoder(40, hz=1_000)
+            x.pulse("J2.4", 10, hz=1_000)
+            bench.motor("md3", steps_per_rev=200)
+            bench.switch("m", closed={"above_rev": 1.0}, to="md3.J2.2")
+            bench.wire("md3.J3.7", "md3.J2.5")
+            bench.run_until(4.0)
+            x.fault("over_temperature")
+            x.line().faults(drop={"count": 1, "direction": "reply"})
+            x.line().strict = True
+            stream = x.port("rs485")
+            stream.configure(9600, 8, "E", 1)
+            stream.write(read(1, 0x1D, 1))
+            assert not stream.wait(0.1) and stream.read() == b""
+            stream.write(read(1, 0x1D, 1))
+            stream.settle()
+            stream.drain(1.0)
+            of += [stream.read(), stream.unsent]
+            stream.close()
+            of += [dict(x.registers), dict(x.pins), x.leds, x.faults, x.line().strict]
+            # Where the clock stands between requests, their silence tells nothing.
+            of += [{**x.statistics(), "shortest_silence": None}]
+            of += [list(map(repr, x.received())), x.wrote_before("MotionControl", "Speed")]
+            of += [round(bench.motors["m"].revolutions, 5), list(bench), len(bench.values())]
+            if bench is alone:
+                assert len(x.pulses()) > 400
+            else:
+                with pytest.raises(Error, match="^the pulses of md3 are not known"):
+                    x.pulses()
+            seen.append(of)
+        assert seen[0] == seen[1] and seen[0][8] == write(1, 0x11, 1) and seen[0][10] == b""
+    with drivetwin.run("md3", **MANUAL) as served:
+        x = served["md3"]
+        assert x.ask(write(1, 0x11, 1)) == write(1, 0x11, 1)
+        served.advance(3.0)
+        assert len(x.pulses()) == 10_000 and x.url().startswith("drivetwin://?shared=")
+
+
+def test_real_time_does_what_it_can_and_says_what_it_cannot():
+    with drivetwin.run("md3", fast_boot=True) as rack:
+        x = rack["md3"]
+        assert rack.time == "real"
+        began = rack.now
+        for _ in range(3):
+            assert x.ask(read(1, 0x14, 2))[:3] == bytes([1, 3, 4])
+        assert x.ask(read(9, 0x14, 2)) == b"" and x.ask(b"\x01\x03") == b""
+        # Each request and reply takes its time at 9,600 baud.
+        assert rack.now - began > 5 * 8 * 11 / 9_600
+        with x.port("rs485") as stream:
+            stream.write(write(1, 0x11, 1))
+            stream.settle()
+            assert stream.wait(1.0)
+            stream.drain(1.0)
+            assert stream.read() == write(1, 0x11, 1) and not stream.wait(0.05)
+            # What comes later stays until it is read, and the bench goes on.
+            stream.write(read(1, 0x14, 2))
+            at = rack.now
+            while rack.now < at + 0.2:
+                assert x.motion.moving
+            assert len(stream.read()) == 9
+        sentence = "the clock follows the wall clock (time is 'real'), so a call cannot move it; use time='manual'"
+        for act in lambda: rack.advance(1.0), lambda: rack.run_until(100.0):
+            with pytest.raises(Error) as raised:
+                act()
+            assert str(raised.value) == sentence
+        rack.time = "x100"
+        began = rack.now
+        while rack.now < began + 3.0:
+            pass
+        assert x.motion.position == 10_000 and rack.time == "x100"
+        rack.time = "manual"
+        at = rack.now
+        rack.advance(1.0)
+        assert rack.now == pytest.approx(at + 1.0)
+    with drivetwin.Bench() as bench, pytest.raises(Error, match="^a bench without ports has virtual time"):
+        bench.time = "real"
+
+
 def test_everything_of_the_control_api():
     with drivetwin.run("md3", **MANUAL) as rack:
         x = rack["md3"]
@@ -135,16 +226,18 @@ def test_what_is_wrong_is_one_sentence():
             (lambda: x.fault("over_temprature"), UnknownName, None),
             (lambda: x.uri("rs458"), UnknownName, "there is no port 'rs458'; the nearest is 'rs485'"),
             (lambda: rack.line("rs458"), UnknownName, "there is no bus 'rs458'; the nearest is 'rs485'"),
-            (lambda: rack.advance(-1), Error, "seconds takes 0 to 86400"),
+            (lambda: rack.advance(-1), Error, "advance takes seconds from 0 to 1000000000, not -1"),
+            (lambda: rack.add("md3", name="y"), Error, None),
+            (lambda: rack.bus("b", ["md3"]), Error, None),
+            (lambda: setattr(rack, "time", "soon"), Error, "time: it takes real, xN (N from 1 to 1000) or manual, not 'soon'"),
         ]:
             with pytest.raises(error) as raised:
                 act()
             assert sentence is None or str(raised.value) == sentence
-    with pytest.raises(Error, match="does not answer"):
+    with pytest.raises(Error, match="^the bench is closed$"):
         rack.now
+    assert rack.closed
     rack.close()
-    with drivetwin.run("md3", control="off") as rack, pytest.raises(Error, match="^the control API is off"):
-        rack.now
 
 
 def test_nothing_is_left_behind():

@@ -71,7 +71,7 @@ const fn check(
 }
 
 /// Every check. The order is that in which the lanes run the checks of their groups.
-const CHECKS: [Check; 29] = [
+const CHECKS: [Check; 28] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -108,7 +108,6 @@ const CHECKS: [Check; 29] = [
     check(Group::Foreign, "ser2net", &[Tool::Python, Tool::Ser2net], |sh| foreign(sh, &[SER2NET])),
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
     check(Group::Foreign, "waveforms", &[Tool::Python, Tool::Sigrok], |sh| foreign(sh, &[VCD])),
-    check(Group::Foreign, "example of pytest", &[Tool::Python], |sh| foreign(sh, &["examples/pytest"])),
     check(Group::Boards, "clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], board::clippy),
     check(Group::Boards, "no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check),
     check(Group::Boards, "sizes and counts", &size::NEEDS, size::check),

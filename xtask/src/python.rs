@@ -1,5 +1,7 @@
 //! The Python package: its wheel, and the tests that run against the installed wheel.
 
+use std::path::{Path, PathBuf};
+
 use anyhow::{Context, Result};
 use xshell::{Shell, cmd};
 
@@ -9,8 +11,14 @@ use crate::tools;
 /// Packages of the tests, in addition to the wheel.
 const REQUIREMENTS: &str = "python/tests/requirements.txt";
 
+/// The tests of the documentation's page for Python, and the packages that it names for them. The first one needs only
+/// the wheel and pytest.
+const EXAMPLES: &str = "examples/pytest";
+const FIRST_EXAMPLE: &str = "examples/pytest/test_axis.py";
+const FOR_THE_OTHERS: [&str; 2] = ["pymodbus", "pyserial"];
+
 /// Builds the wheel, installs it in an environment of its own, and runs the tests there. The profile is that of the
-/// other tests, with their overflow checks.
+/// other tests, with their overflow checks. Then runs the examples in an environment that has only what their page says.
 pub(crate) fn check(sh: &Shell) -> Result<()> {
     let wheels = target_dir(sh).join("wheels");
     sh.remove_path(&wheels)?;
@@ -19,9 +27,22 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         .run()?;
     let wheel = sh.read_dir(&wheels)?.into_iter().next().context("maturin has built no wheel")?;
 
-    let environment = target_dir(sh).join("python-package");
-    cmd!(sh, "python3 -m venv --clear {environment}").run()?;
-    let [pip, pytest] = ["pip", "pytest"].map(|program| environment.join("bin").join(program));
+    let environment = |name: &str| -> Result<[PathBuf; 2]> {
+        let folder = target_dir(sh).join(name);
+        cmd!(sh, "python3 -m venv --clear {folder}").run()?;
+        Ok(["pip", "pytest"].map(|program| folder.join("bin").join(program)))
+    };
+    let test = |pytest: &Path, tests: &str| {
+        let pytest = cmd!(sh, "{pytest} -q -p no:cacheprovider {tests}");
+        pytest.env("PYTHONDONTWRITEBYTECODE", "1").run()
+    };
+    let [pip, pytest] = environment("python-package")?;
     cmd!(sh, "{pip} install -q --disable-pip-version-check {wheel} -r {REQUIREMENTS}").run()?;
-    Ok(cmd!(sh, "{pytest} -q -p no:cacheprovider python/tests").env("PYTHONDONTWRITEBYTECODE", "1").run()?)
+    test(&pytest, "python/tests")?;
+
+    let [pip, pytest] = environment("python-page")?;
+    cmd!(sh, "{pip} install -q --disable-pip-version-check {wheel} pytest").run()?;
+    test(&pytest, FIRST_EXAMPLE)?;
+    cmd!(sh, "{pip} install -q --disable-pip-version-check {FOR_THE_OTHERS...}").run()?;
+    Ok(test(&pytest, EXAMPLES)?)
 }
