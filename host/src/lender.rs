@@ -14,6 +14,33 @@ use crate::event_loop::{BenchHandle, EventLoop};
 use crate::streams::Streams;
 
 /// Lends the bench of a run to other threads. [`Running::lender`](crate::Running::lender) returns it.
+///
+/// ```
+/// use std::io::Write as _;
+/// use std::os::unix::net::UnixStream;
+/// use std::time::Duration;
+///
+/// use drivetwin_host::options::RunOptions;
+/// use drivetwin_host::{Configuration, Waited};
+/// use drivetwin_firmware::device::Duration as BenchSpan;
+/// use drivetwin_sim::config::time_mode::TimeMode;
+///
+/// let options = RunOptions { what: "md3".into(), time: Some(TimeMode::Manual), ..RunOptions::default() };
+/// let running = Configuration::read(options)?.prepare()?.open()?;
+/// let lender = running.lender();
+/// let (stop, mut stopper) = UnixStream::pair()?;
+/// let other = std::thread::spawn(move || {
+///     let Waited::Over(mut loan) = lender.borrow().wait(Duration::from_secs(10)) else { panic!("it is busy") };
+///     let at = loan.lent.bench.now() + BenchSpan::secs(3);
+///     loan.lent.bench.run_until(at);
+///     assert!(matches!(loan.give_back().wait(Duration::from_secs(10)), Waited::Over(())));
+///     stopper.write_all(b"x").unwrap();
+///     assert!(matches!(lender.borrow().wait(Duration::from_secs(10)), Waited::Ended));
+/// });
+/// running.serve(&stop)?;
+/// other.join().unwrap();
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Clone)]
 pub struct Lender {
     handle: BenchHandle,

@@ -1,18 +1,21 @@
 """Drives with ports in a thread of the process."""
 
 import os
+import signal
 import socket
 import subprocess
 import threading
+import time
 
 import pytest
-from modbus import read, write
+from modbus import crc, read, write
 from pymodbus import FramerType
 from pymodbus.client import ModbusTcpClient
 from test_command import COMMAND
 
 import drivetwin
 from drivetwin import Error, UnknownName
+from drivetwin._native import panic_for_test
 
 MANUAL = {"time": "manual", "fast_boot": True}
 
@@ -266,3 +269,68 @@ def test_two_benches_run_beside_each_other():
         for thread in threads:
             thread.join()
         assert a.now >= 100.0 and b.now >= 100.0
+
+
+def test_asks_in_real_time_beside_another_master_get_their_own_answers():
+    replies, other = [], []
+    with drivetwin.run("md3", time="x100", fast_boot=True, set={"Speed": 8000}) as rack:
+        x = rack["md3"]
+        began = time.monotonic()
+
+        def ask():
+            while len(replies) < 200 and time.monotonic() < began + 60:
+                replies.append(x.ask(read(1, 0x14, 2)))
+
+        def master():
+            _, host, port = x.uri("rs485").split(":")
+            with socket.create_connection((host, int(port)), timeout=10) as line:
+                while len(replies) < 200 and time.monotonic() < began + 60:
+                    line.sendall(read(1, 0x1D, 1))
+                    heard = b""
+                    while crc(bytes([1, 3, 2, 0, 0])) not in heard:
+                        heard += line.recv(100)
+                    other.append(heard)
+
+        threads = [threading.Thread(target=act) for act in (ask, ask, ask, master)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    assert len(replies) >= 200 and len(other) > 10
+    assert set(replies) == {crc(bytes([1, 3, 4, 0, 0, 0x1F, 0x40]))}
+
+
+def test_ctrl_c_interrupts_a_wait_in_real_time():
+    with drivetwin.run("md3", fast_boot=True) as rack, rack["md3"].port("rs485") as stream:
+        # A shell starts programs in the background with SIGINT ignored.
+        usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+        timer = threading.Timer(0.2, os.kill, [os.getpid(), signal.SIGINT])
+        timer.start()
+        try:
+            with pytest.raises(KeyboardInterrupt):
+                stream.wait(60.0)
+        finally:
+            timer.join()
+            signal.signal(signal.SIGINT, usual)
+        assert rack.now < 30.0 and len(rack["md3"].ask(read(1, 0x14, 2))) == 9
+
+
+def test_a_panic_is_an_exception_and_the_run_can_be_closed():
+    with drivetwin.run("md3", **MANUAL) as rack:
+        with pytest.raises(BaseException, match="a test asked for this panic"):
+            panic_for_test(rack)
+        with pytest.raises(Error, match="a call of the bench has panicked"):
+            rack.now
+
+
+def test_a_fork_must_make_its_own():
+    with drivetwin.run("md3", **MANUAL) as rack:
+        child = os.fork()
+        if child == 0:
+            try:
+                rack.now
+            except Error as error:
+                os._exit(0 if str(error).startswith("the bench belongs to the process that made it") else 1)
+            os._exit(2)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        assert rack.now == 0.0

@@ -115,6 +115,14 @@ impl Bench {
         }
     }
 
+    /// Sets that a client on a line receives only answers to its own requests. Others also hear what drives send to
+    /// other clients.
+    pub fn set_hears_own_answers_only(&mut self, client: Client) {
+        if let Some(state) = self.clients.get_mut(&client.0) {
+            state.hears_own_answers_only = true;
+        }
+    }
+
     /// Runs until a client can read a byte or its connection is closed, but not beyond `until`.
     pub fn run_until_readable(&mut self, client: Client, until: Instant) {
         loop {

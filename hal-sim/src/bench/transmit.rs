@@ -346,6 +346,11 @@ impl Bench {
             if has_left && self.clients.came_after(id, serial_line.served_order) {
                 continue;
             }
+            if id != serial_line.served
+                && self.clients.get(&id).is_some_and(|state| state.hears_own_answers_only)
+            {
+                continue;
+            }
             self.clients.push(id, rx_burst, |end, byte| {
                 let (collisions, _) =
                     collisions.filter(|(collisions, number)| collisions.collides(*number, end))?;

@@ -19,6 +19,8 @@ pub(crate) struct ClientState {
     pub(crate) left: bool,
     /// True if the client's port times characters itself, so that replies are delivered at once.
     pub(crate) paces_itself: bool,
+    /// True if it receives only answers to its own requests.
+    pub(crate) hears_own_answers_only: bool,
     pub(crate) sender: Sender,
     /// Settings with which the client's port receives.
     pub(crate) receiver: Sender,

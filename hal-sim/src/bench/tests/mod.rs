@@ -309,6 +309,27 @@ fn a_request_is_answered_though_the_crc_of_its_begin_holds_by_chance() {
 }
 
 #[test]
+fn a_client_that_hears_its_own_answers_only_knows_when_it_is_served() {
+    let (mut bench, drive, client) = alone(LineMode::Timed);
+    let own = bench.connect(bench.bus(drive, RS485).unwrap());
+    bench.set_hears_own_answers_only(own);
+    for (asks, other) in [(client, own), (own, client), (client, own)] {
+        bench.send(asks, &rtu::read(1, 0, 1));
+        bench.send(other, &rtu::read(1, 0, 2));
+        assert!(bench.is_being_served(asks) && bench.is_being_served(other));
+        while bench.is_being_served(asks) {
+            assert!(bench.is_being_served(other), "the second one waits for its turn");
+            bench.run_until(bench.now() + 1.millis());
+        }
+        bench.run_until(bench.now() + 100.millis());
+        assert!(!bench.is_being_served(other));
+        let [first, second] = [asks, other].map(|client| received_by(&mut bench, client).len());
+        // A reply has 5 bytes and 2 for each register. The usual client hears both.
+        assert_eq!((first, second), if asks == own { (7, 16) } else { (16, 9) });
+    }
+}
+
+#[test]
 fn a_request_of_any_length_is_answered_when_silence_has_ended_it() {
     let request = rtu::frame(1, &[65, 1, 2, 3]);
     // The beginning of the other request has a valid CRC, too.
