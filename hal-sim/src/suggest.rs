@@ -43,7 +43,8 @@ pub(crate) fn unknown_at<'a>(
 /// Returns true if a sentence, or a clause of it, is one of [`unknown`].
 #[must_use]
 pub fn is_unknown(sentence: &str) -> bool {
-    sentence.contains("there is no ")
+    // The name is in quotes: "there is no command in this program" is about no name.
+    sentence.split("there is no ").skip(1).any(|rest| rest.contains(" '"))
 }
 
 /// The first characters of a name, at most `MOST`.
@@ -65,6 +66,7 @@ mod tests {
         assert_eq!(unknown("fault", "stall", [].into_iter()), "there is no fault 'stall'");
         assert!(is_unknown(&format!("--set: {}", unknown("register", "sped", names.into_iter()))));
         assert!(!is_unknown("x has no power"));
+        assert!(!is_unknown("--program: 'a.rsasm': line 1: there is no command in this program"));
     }
 
     #[test]

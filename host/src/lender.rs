@@ -46,7 +46,7 @@ pub struct Lender {
     handle: BenchHandle,
 }
 
-/// What is lent.
+/// A bench and what belongs to it.
 pub struct Possession {
     /// The bench.
     pub bench: Bench,
@@ -58,7 +58,7 @@ pub struct Possession {
 
 /// A bench on loan. It goes back when this value is dropped.
 pub struct Loan {
-    /// What is lent.
+    /// The bench, and what belongs to it.
     pub lent: Possession,
     back: Sender<Possession>,
     /// Hears when the changes of the borrower have had their effect.
@@ -92,9 +92,9 @@ pub struct Wait<T> {
 
 /// State of a [`Wait`].
 pub enum Waited<T> {
-    /// It is over.
+    /// The wait is over.
     Over(T),
-    /// It goes on.
+    /// The wait goes on.
     NotYet,
     /// The run has ended.
     Ended,

@@ -53,7 +53,7 @@ impl Drive {
         let (mut reply, mut patience) = (Vec::new(), None);
         let waited = self.shared.poll(py, |open| {
             open.streams.receive(open.bench, client, &mut reply);
-            // Its patience begins when the request is on the line.
+            // The client loses patience some time after the request is on the line.
             if open.bench.backlog(client) > 0 {
                 return None;
             }

@@ -1,4 +1,4 @@
-//! What the recording of a bench shows: pulses, motion over time, tracks of a picture.
+//! Contents of the recording of a bench: pulses, motion over time, tracks of a picture.
 
 use drivetwin_firmware::device::{Axis, Duration, Instant};
 use drivetwin_sim::bench::{Bench, DriveId};

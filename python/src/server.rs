@@ -46,7 +46,7 @@ impl Server {
     }
 }
 
-/// What a run tells when it has begun.
+/// Addresses of a run that has begun, and its lender.
 struct Begun {
     lender: Lender,
     control: Option<String>,

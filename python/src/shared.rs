@@ -42,7 +42,7 @@ pub(crate) struct Shared {
     process: u32,
 }
 
-/// Where a bench is.
+/// Place of a bench.
 enum Place {
     /// Here; `None` when it is closed.
     Here(Mutex<Option<Box<Here>>>),

@@ -227,3 +227,11 @@ def test_ctrl_c_interrupts_a_long_advance():
     at = bench.now
     bench.advance(1.0)
     assert bench.now == pytest.approx(at + 1.0) and x.motion.moving
+
+
+def test_a_sentence_about_no_name_is_no_unknown_name(tmp_path):
+    program = tmp_path / "empty.rsasm"
+    program.write_text("")
+    with pytest.raises(Error, match="there is no command in this program") as raised:
+        Bench().add("rs434544", program=program)
+    assert not isinstance(raised.value, UnknownName)

@@ -10,7 +10,8 @@ import time
 import pytest
 from modbus import crc, read, write
 from pymodbus import FramerType
-from pymodbus.client import ModbusTcpClient
+from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.exceptions import ModbusException
 from test_command import COMMAND
 
 import drivetwin
@@ -298,6 +299,20 @@ def test_asks_in_real_time_beside_another_master_get_their_own_answers():
             thread.join()
     assert len(replies) >= 200 and len(other) > 10
     assert set(replies) == {crc(bytes([1, 3, 4, 0, 0, 0x1F, 0x40]))}
+
+
+@pytest.mark.parametrize("mode", ["manual", "real"])
+def test_a_drive_with_ports_has_a_url_for_pyserial(mode):
+    with drivetwin.run("md3", time=mode, fast_boot=True) as rack:
+        x = rack["md3"]
+        with ModbusSerialClient(x.url(), baudrate=9600, parity="E", timeout=0.2, retries=0) as client:
+            for speed in 9_000, 8_000:
+                assert not client.write_register(0x15, speed).isError()
+                assert x.registers["Speed"] == speed
+            with pytest.raises(ModbusException):
+                client.write_register(0x15, 1, device_id=9)
+        with master(x) as client:
+            assert client.read_holding_registers(0x14, count=2).registers == [0, 8_000]
 
 
 def test_ctrl_c_interrupts_a_wait_in_real_time():

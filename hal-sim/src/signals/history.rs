@@ -8,8 +8,8 @@ use crate::signals::motion::{Commanded, Motion};
 /// Motion of an axis in a trace, from the beginning to `until`, in the order of time. `drive` is an index in
 /// [`Trace::drives`].
 ///
-/// There is a sample at each begin and end of an acceleration and at each command, and between them one at each whole
-/// multiple of `every` while the axis moves. If the motion jumps, there are two samples at that instant, before and after.
+/// The samples are at each begin and end of an acceleration and at each command, and between them at each whole multiple
+/// of `every` while the axis moves. If the motion jumps, there are two samples at that instant, before and after.
 /// The motion of a motor is as it was recorded, at the times of the recording. While the motion is not known, because its
 /// beginning is lost, there are no samples.
 #[must_use]

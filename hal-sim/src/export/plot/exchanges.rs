@@ -42,7 +42,7 @@ impl Exchange<'_> {
         self.received.map(|received| received.text.as_str())
     }
 
-    /// Both in one clause, with the outcome if it is not as usual.
+    /// The message and its answer in one clause, with the outcome if it is not as usual.
     #[must_use]
     pub fn text(&self) -> String {
         let outcome = self.received.and_then(|received| received.outcome.as_ref());

@@ -18,7 +18,7 @@ const CROWD: usize = 16;
 pub struct Panel {
     /// Name of the drive.
     pub name: String,
-    /// Its description.
+    /// Description of the drive's kind.
     pub spec: &'static Spec,
     /// True if the axis turns a motor with Hall sensors, whose counts are its position.
     pub turns_motor: bool,
@@ -52,7 +52,7 @@ pub struct Edge {
 pub struct Words {
     /// Begin of the message.
     pub begin: Instant,
-    /// Its end.
+    /// End of the message.
     pub end: Instant,
     /// The message in the names of the manual.
     pub text: String,
