@@ -100,6 +100,17 @@ pub enum Waited<T> {
     Ended,
 }
 
+impl<T> Waited<T> {
+    /// Changes what a wait that is over has.
+    pub fn map<U>(self, change: impl FnOnce(T) -> U) -> Waited<U> {
+        match self {
+            Self::Over(what) => Waited::Over(change(what)),
+            Self::NotYet => Waited::NotYet,
+            Self::Ended => Waited::Ended,
+        }
+    }
+}
+
 impl<T> Wait<T> {
     /// Waits for at most `span`.
     pub fn wait(&mut self, span: WallSpan) -> Waited<T> {

@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_host::{Memories, Offline, Possession, Streams, Wait, Waited};
+use drivetwin_host::{Loan, Memories, Offline, Possession, Streams, Wait, Waited};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench;
 use drivetwin_sim::config::time_mode::TimeMode;
@@ -107,7 +107,11 @@ impl Shared {
     }
 
     /// Calls `act` with the bench, when no other thread uses it. `act` creates no Python object.
-    pub(crate) fn with<T>(&self, py: Python<'_>, act: impl FnOnce(&mut Open<'_>) -> T) -> PyResult<T> {
+    pub(crate) fn with<T: Send>(
+        &self,
+        py: Python<'_>,
+        act: impl FnOnce(&mut Open<'_>) -> T + Send,
+    ) -> PyResult<T> {
         self.check_process()?;
         match &self.place {
             Place::Here(here) => {
@@ -131,7 +135,7 @@ impl Shared {
                 let done = py.detach(|| here.lock().map(|mut here| here.as_mut().map(act)).map_err(drop));
                 done.map_err(|()| panicked())?.ok_or_else(closed)
             }
-            Place::Run(server, in_use) => borrow(py, server, in_use, |open| py.detach(|| act(open))),
+            Place::Run(server, in_use) => borrow(py, server, in_use, act),
         }
     }
 
@@ -215,29 +219,44 @@ impl Here {
     }
 }
 
-/// Calls `act` with the bench of a run, and waits until its changes have had their effect.
-fn borrow<T>(
+/// Calls `act` with the bench of a run, and waits until its changes have had their effect. Other threads of Python run
+/// meanwhile: the bench does not wait for one of them.
+fn borrow<T: Send>(
     py: Python<'_>,
     server: &Server,
     in_use: &AtomicBool,
-    act: impl FnOnce(&mut Open<'_>) -> T,
+    act: impl FnOnce(&mut Open<'_>) -> T + Send,
 ) -> PyResult<T> {
     let lender = server.lender().ok_or_else(closed)?;
-    let mut loan = until_over(py, lender.borrow())?;
-    if in_use.swap(true, Ordering::Relaxed) {
-        return Err(panicked());
-    }
-    let Possession { bench, streams, time_mode } = &mut loan.lent;
-    let done = act(&mut Open { bench, streams, memories: &mut Memories::default(), time_mode });
-    in_use.store(false, Ordering::Relaxed);
-    until_over(py, loan.give_back())?;
+    let mut act = Some(act);
+    let mut loan = lender.borrow();
+    let (done, mut effect) =
+        until_over(py, || loan.wait(PATIENCE).map(|loan| use_loan(loan, in_use, act.take())))?;
+    let Some(done) = done else { return Err(panicked()) };
+    until_over(py, || effect.wait(PATIENCE))?;
     Ok(done)
 }
 
-/// Waits while other threads of Python run. Looks for Ctrl-C in between.
-fn until_over<T: Send>(py: Python<'_>, mut wait: Wait<T>) -> PyResult<T> {
+/// Calls `act` with a bench on loan, and gives it back; `None` if an earlier call has panicked.
+fn use_loan<T>(
+    mut loan: Loan,
+    in_use: &AtomicBool,
+    act: Option<impl FnOnce(&mut Open<'_>) -> T>,
+) -> (Option<T>, Wait<()>) {
+    let mut done = None;
+    if !in_use.swap(true, Ordering::Relaxed) {
+        let Possession { bench, streams, time_mode } = &mut loan.lent;
+        let mut open = Open { bench, streams, memories: &mut Memories::default(), time_mode };
+        done = act.map(|act| act(&mut open));
+        in_use.store(false, Ordering::Relaxed);
+    }
+    (done, loan.give_back())
+}
+
+/// Calls `wait` until it is over, while other threads of Python run. Looks for Ctrl-C in between.
+fn until_over<T: Send>(py: Python<'_>, mut wait: impl FnMut() -> Waited<T> + Send) -> PyResult<T> {
     loop {
-        match py.detach(|| wait.wait(PATIENCE)) {
+        match py.detach(&mut wait) {
             Waited::Over(what) => return Ok(what),
             Waited::NotYet => py.check_signals()?,
             Waited::Ended => return Err(closed()),
