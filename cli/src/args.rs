@@ -201,6 +201,7 @@ impl From<Run> for RunOptions {
             record: run.record,
             vcd: run.vcd,
             pcap: run.pcap,
+            recorded: false,
         }
     }
 }

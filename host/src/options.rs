@@ -45,6 +45,8 @@ pub struct RunOptions {
     pub vcd: Option<PathBuf>,
     /// File for the frames of the lines (pcapng).
     pub pcap: Option<PathBuf>,
+    /// True if the bench keeps its recording also without a control API, for a [`Lender`](crate::Lender).
+    pub recorded: bool,
 }
 
 /// Listening address of the control API, as users write it.

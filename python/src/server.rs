@@ -7,6 +7,7 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Mutex, PoisonError, mpsc};
 use std::thread::JoinHandle;
 
+use drivetwin_host::options::RunOptions;
 use drivetwin_host::{Configuration, Lender, Running};
 use pyo3::prelude::*;
 
@@ -110,7 +111,8 @@ type Uris = HashMap<(String, &'static str), Vec<String>>;
 
 /// Opens the ports of a run.
 fn begin(arguments: Vec<OsString>) -> Result<(Running, Uris), String> {
-    let configuration = Configuration::read(drivetwin_cli::run_options(arguments)?)?;
+    let options = RunOptions { recorded: true, ..drivetwin_cli::run_options(arguments)? };
+    let configuration = Configuration::read(options)?;
     if configuration.uses_stdio() {
         return Err("stdio: is not possible here: standard input is that of Python".to_owned());
     }

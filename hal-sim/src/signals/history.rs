@@ -217,9 +217,13 @@ mod tests {
         assert!(!bench.trace().is_whole());
         let samples = |bench: &Bench| history(bench.trace(), 0, Axis(0), bench.now(), Duration::millis(1));
         assert_eq!(samples(&bench), []);
+        assert!(bench.pulses_since_power_on(x.step()).is_none());
         let at = bench.now();
         bench.ask(x, &rtu::write(1, 0x11, 1));
         bench.run_until(at + 3.secs());
         assert!(samples(&bench).first().unwrap().0 >= at);
+        bench.power(x, PowerAction::Cycle);
+        bench.run_until(bench.now() + 1.millis());
+        assert_eq!(bench.pulses_since_power_on(x.step()).unwrap().count(), 0);
     }
 }

@@ -68,9 +68,10 @@ impl Configuration {
         let memories = self.memories(&programs)?;
         let files = OutputFiles::open(&self.options, &memories)?;
 
-        let (trace, capture) = files.retention(control.is_some());
-        // Waveforms show the motion of motors: those of `--vcd`, and those that the control API serves.
-        let shafts = files.has_waves() || control.is_some();
+        let is_read = control.is_some() || self.options.recorded;
+        let (trace, capture) = files.retention(is_read);
+        // Waveforms show the motion of motors: those of `--vcd`, and those that the control API or a lender serves.
+        let shafts = files.has_waves() || is_read;
         let outcomes = files.has_waves();
         let settings = Settings { trace, capture, shafts, outcomes, ..self.layout.settings() };
         let setups = memories.iter().map(Memory::setup).collect();
