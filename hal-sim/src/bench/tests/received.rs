@@ -1058,7 +1058,51 @@ fn characters_that_a_qsb_cannot_read_have_an_entry() {
         let words = words(&bench, drive);
         assert!(words[5].starts_with("usb <- nothing that could be read -> starting for "), "{words:#?}");
         assert_eq!(words[6..], ["usb <- nothing that could be read -> no power"]);
+        bench.send(client, b"R0");
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.send(client, b"E\rR1");
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.power(drive, PowerAction::On);
+        ready(&mut bench);
+        bench.send(client, b"R14\r");
+        bench.run_until(bench.now() + Duration::millis(100));
+        assert_eq!(
+            super::received::words(&bench, drive)[7..],
+            ["usb <- read ReadEncoder -> no power", "usb <- read Version -> Version = 4110"]
+        );
     }
+}
+
+/// A part of a line that is lost in a restart has an entry, and an empty one has none.
+#[test]
+fn a_restart_loses_only_what_was_typed() {
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    let [a, b] = [(); 2].map(|()| bench.connect_to(drive, Port(port)).unwrap());
+    bench.send(b, b"PR ");
+    bench.run_until_idle();
+    bench.send(a, b"CE 1\r\x03");
+    bench.run_until(bench.now() + Duration::millis(500));
+    for client in [a, b] {
+        bench.send(client, b"PR P\r");
+        bench.run_until(bench.now() + Duration::millis(100));
+    }
+    bench.send(a, b"\x03VM");
+    bench.run_until(bench.now() + Duration::millis(100));
+    bench.power(drive, PowerAction::Off);
+    ready(&mut bench);
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "mcode <- CE 1 -> done",
+            "mcode <- Ctrl-C -> done",
+            "mcode <- PR P -> 0",
+            "mcode <- PR -> starting",
+            "mcode <- PR P -> 0",
+            "mcode <- Ctrl-C -> done",
+            "mcode <- VM -> starting",
+        ]
+    );
 }
 
 /// Lines after PG are stored in the program (MC 5-55) and write nothing before the program runs; expressions, IC and DC
