@@ -988,6 +988,7 @@ fn a_line_for_an_mdrive_that_starts_has_an_entry() {
         bench.received(drive).messages().map(|message| message.exchange.verdict).collect();
     assert_eq!(verdicts.iter().filter(|verdict| **verdict == Verdict::NotListening).count(), 4);
     assert_eq!((bench.starting_requests(drive).count, bench.starting_count()), (4, 4));
+    assert_eq!(bench.statistics(drive, Port(port)).starting, 4);
     assert_eq!(bench.received(drive).written(), ["CE"]);
 }
 
