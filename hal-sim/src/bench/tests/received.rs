@@ -1413,3 +1413,22 @@ fn comments_of_replies_and_keys_are_those_of_their_messages() {
     assert_eq!(words, ["Esc -> done", "a blank line -> done", "Esc -> done", "PR P -> 0"]);
     assert_eq!(comments(&bench), words);
 }
+
+/// An RS 434544 that FLAG_RESTART restarts (6.4) does not listen either.
+#[test]
+fn a_request_to_an_rs_drive_that_restarts_has_an_entry() {
+    let mut bench = Bench::new();
+    let x = bench.add_with("x", Box::new(rs434544()), Setup::default()).unwrap();
+    ready(&mut bench);
+    let spec = bench.spec(x);
+    let restart = spec.registers.rows[spec.find("FLAG_RESTART").unwrap().row].address;
+    let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+    bench.send(client, &rtu::write(1, restart, 0x95AF));
+    bench.run_until(bench.now() + Duration::millis(100));
+    bench.send(client, &rtu::read(1, 0x5000, 1));
+    bench.run_until(bench.now() + Duration::millis(100));
+    ready(&mut bench);
+    let words = words(&bench, x);
+    assert_eq!(words.len(), 2, "{words:#?}");
+    assert!(words[1].starts_with("rs485 <- read SLAVE_ADDRESS_MODBUS -> starting for "), "{words:#?}");
+}

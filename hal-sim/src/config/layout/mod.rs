@@ -115,7 +115,7 @@ pub type At = (usize, Pin);
 pub struct DriveLayout {
     /// Name of the drive: one word without dots, unique on the bench.
     pub name: String,
-    /// Kind of the drive, as in [`catalog`](crate::catalog), for instance `md3`.
+    /// Kind of the drive, as in [`catalog`], for instance `md3`.
     pub kind: &'static str,
     /// Listening addresses of its ports.
     pub listen: Vec<(Port, Uri)>,
