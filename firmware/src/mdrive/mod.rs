@@ -23,6 +23,7 @@ mod tests;
 use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::{Drive, Model};
+use self::mcode::console::note_lost_input;
 pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
@@ -213,7 +214,11 @@ impl Device for Mdrive {
         let drive = &mut self.drive;
         match input {
             Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
-            Input::Message { link, bytes, .. } => drive.console_received(at, link, bytes, out),
+            Input::Message { link, bytes, .. } if drive.is_started() => {
+                drive.console_received(at, link, bytes, out);
+            }
+            // Each character is noted, because pieces of input are not lines.
+            Input::Message { bytes, .. } => bytes.iter().for_each(|_| note_lost_input(at, out)),
             Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
             Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),

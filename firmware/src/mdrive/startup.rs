@@ -31,9 +31,8 @@ impl Drive {
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         // A save in progress is finished first, because it was commanded before the restart.
         self.finish_save(at, out);
-        if self.mcode.consoles.has_line() {
-            note_lost_input(at, out);
-        }
+        // What was typed, and a line in execution, is lost.
+        note_lost_input(at, out);
         self.mcode.consoles.restart();
         self.start(at, false, out);
     }

@@ -258,8 +258,8 @@ impl Slot {
 
     /// Notes what the drive receives, for its journal.
     fn note_reception(&mut self, at: Instant, input: &InputRecord, fast: bool) {
-        let device = &self.device;
-        let is_deaf = || at < device.receives_from();
+        let (device, powered) = (&self.device, self.state.powered);
+        let is_deaf = || !powered || at < device.receives_from();
         let (port, bytes) = match input {
             InputRecord::Bytes { port, bytes } => (*port, bytes.as_slice()),
             InputRecord::RxError { port } => (*port, &[][..]),

@@ -379,13 +379,14 @@ impl Reception {
 
     /// The message that the drive had received, wholly or in part, and not reported when its power failed at `at`.
     pub(super) fn power_lost(&mut self, port: Port, at: Instant) -> Option<Entry> {
-        let reception = self.ports.get(usize::from(port.0))?;
-        let part = &reception.part;
-        let outcome = part.missed.filter(|_| reception.is_text()).unwrap_or(Outcome::PowerLost);
-        if part.is_empty() || (part.missed.is_some() && !reception.is_text()) {
+        let reception = self.ports.get_mut(usize::from(port.0))?;
+        if reception.part.is_empty() {
             return None;
         }
-        self.begin(port, 0, outcome);
+        if reception.part.missed.is_some() {
+            return reception.is_text().then(|| reception.cut_off(port, Outcome::PowerLost));
+        }
+        self.begin(port, 0, Outcome::PowerLost);
         let mut entry = self.open_entry()?;
         (entry.at, entry.deaf_for) = (entry.at.min(at), None);
         Some(entry)
@@ -441,7 +442,8 @@ impl Reception {
             }
             if is_missed(outcome) {
                 // What was typed before is lost, on all connections.
-                for part in port.others.iter_mut().map(|(_, part)| part).chain([&mut *part]) {
+                let parts = port.others.iter_mut().map(|(_, part)| part).chain([&mut *part]);
+                for part in parts.filter(|part| !part.is_empty()) {
                     part.missed = Some(outcome);
                 }
                 port.spoiled = 0;

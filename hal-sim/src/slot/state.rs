@@ -376,6 +376,11 @@ impl SlotState {
             serial.framed
         });
         let starts = matches!(entry.outcome, Outcome::Dropped(DropReason::Starting));
+        if let Some(port) = self.ports.get_mut(usize::from(entry.port.0))
+            && port.tcp.is_some()
+        {
+            port.statistics.starting += u64::from(starts);
+        }
         let framed = serial == Some(true) || starts;
         let executed = matches!(entry.outcome, Outcome::Accepted | Outcome::Refused(_));
         match (framed, executed) {
@@ -404,6 +409,8 @@ impl SlotState {
                 DropReason::Length => &mut statistics.length,
                 DropReason::RxError => &mut statistics.spoiled,
                 DropReason::Address => &mut statistics.foreign,
+                // A text on a TCP port counts with its entry, because it is reported in parts.
+                DropReason::Starting if port.tcp.is_some() => return,
                 DropReason::Starting => &mut statistics.starting,
             },
             LogEvent::Reason(_) => return,

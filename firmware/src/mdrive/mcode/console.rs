@@ -146,7 +146,6 @@ impl Drive {
                 note_key(at, character, out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
-                console.line.clear();
                 self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
                 self.restart(at, out);
             }
@@ -461,7 +460,7 @@ enum Answer {
     Greeting,
 }
 
-/// Notes that the drive loses what was typed, because it is starting (MDRIVE-7).
+/// Notes that the drive loses what was typed, if anything, because it is starting (MDRIVE-7).
 pub(in crate::mdrive) fn note_lost_input(at: Instant, out: &mut dyn Context) {
     out.put(at, Output::Log(LogEvent::Dropped { port: MCODE, why: DropReason::Starting }));
 }

@@ -988,6 +988,7 @@ fn a_line_for_an_mdrive_that_starts_has_an_entry() {
         bench.received(drive).messages().map(|message| message.exchange.verdict).collect();
     assert_eq!(verdicts.iter().filter(|verdict| **verdict == Verdict::NotListening).count(), 4);
     assert_eq!((bench.starting_requests(drive).count, bench.starting_count()), (4, 4));
+    assert_eq!(bench.statistics(drive, Port(port)).starting, 4);
     assert_eq!(bench.received(drive).written(), ["CE"]);
 }
 
@@ -1058,7 +1059,51 @@ fn characters_that_a_qsb_cannot_read_have_an_entry() {
         let words = words(&bench, drive);
         assert!(words[5].starts_with("usb <- nothing that could be read -> starting for "), "{words:#?}");
         assert_eq!(words[6..], ["usb <- nothing that could be read -> no power"]);
+        bench.send(client, b"R0");
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.send(client, b"E\rR1");
+        bench.run_until(bench.now() + Duration::millis(100));
+        bench.power(drive, PowerAction::On);
+        ready(&mut bench);
+        bench.send(client, b"R14\r");
+        bench.run_until(bench.now() + Duration::millis(100));
+        assert_eq!(
+            super::received::words(&bench, drive)[7..],
+            ["usb <- read ReadEncoder -> no power", "usb <- read Version -> Version = 4110"]
+        );
     }
+}
+
+/// A part of a line that is lost in a restart has an entry, and an empty one has none.
+#[test]
+fn a_restart_loses_only_what_was_typed() {
+    let mut bench = Bench::new();
+    let (drive, port) = mcode(&mut bench);
+    let [a, b] = [(); 2].map(|()| bench.connect_to(drive, Port(port)).unwrap());
+    bench.send(b, b"PR ");
+    bench.run_until_idle();
+    bench.send(a, b"CE 1\r\x03");
+    bench.run_until(bench.now() + Duration::millis(500));
+    for client in [a, b] {
+        bench.send(client, b"PR P\r");
+        bench.run_until(bench.now() + Duration::millis(100));
+    }
+    bench.send(a, b"\x03VM");
+    bench.run_until(bench.now() + Duration::millis(100));
+    bench.power(drive, PowerAction::Off);
+    ready(&mut bench);
+    assert_eq!(
+        words(&bench, drive),
+        [
+            "mcode <- CE 1 -> done",
+            "mcode <- Ctrl-C -> done",
+            "mcode <- PR P -> 0",
+            "mcode <- PR -> starting",
+            "mcode <- PR P -> 0",
+            "mcode <- Ctrl-C -> done",
+            "mcode <- VM -> starting",
+        ]
+    );
 }
 
 /// Lines after PG are stored in the program (MC 5-55) and write nothing before the program runs; expressions, IC and DC
@@ -1367,4 +1412,23 @@ fn comments_of_replies_and_keys_are_those_of_their_messages() {
         super::received::words(&bench, drive).iter().map(|words| words.replace("mcode <- ", "")).collect();
     assert_eq!(words, ["Esc -> done", "a blank line -> done", "Esc -> done", "PR P -> 0"]);
     assert_eq!(comments(&bench), words);
+}
+
+/// An RS 434544 that FLAG_RESTART restarts (6.4) does not listen either.
+#[test]
+fn a_request_to_an_rs_drive_that_restarts_has_an_entry() {
+    let mut bench = Bench::new();
+    let x = bench.add_with("x", Box::new(rs434544()), Setup::default()).unwrap();
+    ready(&mut bench);
+    let spec = bench.spec(x);
+    let restart = spec.registers.rows[spec.find("FLAG_RESTART").unwrap().row].address;
+    let client = bench.connect(bench.bus(x, Port(0)).unwrap());
+    bench.send(client, &rtu::write(1, restart, 0x95AF));
+    bench.run_until(bench.now() + Duration::millis(100));
+    bench.send(client, &rtu::read(1, 0x5000, 1));
+    bench.run_until(bench.now() + Duration::millis(100));
+    ready(&mut bench);
+    let words = words(&bench, x);
+    assert_eq!(words.len(), 2, "{words:#?}");
+    assert!(words[1].starts_with("rs485 <- read SLAVE_ADDRESS_MODBUS -> starting for "), "{words:#?}");
 }

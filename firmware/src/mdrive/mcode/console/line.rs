@@ -75,11 +75,6 @@ impl Consoles {
         self.list.iter().any(|console| console.programming.is_some())
     }
 
-    /// Returns true if a line is being typed or executed.
-    pub(in crate::mdrive) fn has_line(&self) -> bool {
-        self.executing.is_some() || self.list.iter().any(|console| !console.line.is_empty())
-    }
-
     /// Resets all connections for a restart of the drive. They stay open.
     pub(in crate::mdrive) fn restart(&mut self) {
         self.party = Party::Off;
