@@ -60,6 +60,8 @@
 //! assert_eq!(plan.position_at(plan.end()), 10_000);
 //! ```
 
+use core::ops::RangeInclusive;
+
 pub use drivetwin_protocol::line::Line;
 pub use drivetwin_protocol::modbus::DropReason;
 use drivetwin_protocol::modbus::server::{Outcome, Rules};
@@ -687,6 +689,8 @@ pub struct Spec {
     pub decimal: bool,
     /// Prefix of register names in the manual. Users may type it or leave it out.
     pub prefix: &'static str,
+    /// Values of writes, if the rows alone do not tell them. Without the feature `reasons` there are none.
+    pub writes: Option<&'static Writes>,
     /// Commands, if the rows alone do not list them.
     pub commands: &'static [CommandSpec],
     /// Row of the bus address.
@@ -705,10 +709,29 @@ pub struct Spec {
     pub errors: &'static [(u8, &'static str)],
     /// Row of the number of the last error.
     pub last_error: Option<usize>,
-    /// The only reason of Modbus exception 04; empty if there are several.
+    /// The only reason of Modbus exception 04; empty if there are several, and without the feature `reasons`.
     pub failure: &'static str,
     /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
     pub not_modelled: &'static [&'static str],
+}
+
+/// Values of writes that the rows of a kind alone do not tell.
+#[derive(Debug)]
+pub struct Writes {
+    /// The values that a row takes in the drive's own language, if they are not those of the bus.
+    pub language: fn(row: usize) -> Option<RangeInclusive<i64>>,
+    /// Returns true for a value of a row that the drive refuses in every state, although the row accepts the value.
+    pub refuses: fn(row: usize, value: i64) -> bool,
+}
+
+impl Writes {
+    /// Each row takes the values that it states.
+    pub const OF_ROWS: Self = Self { language: |_| None, refuses: |_, _| false };
+
+    /// These values, if drives report reasons.
+    pub(crate) const fn reported(&'static self) -> Option<&'static Self> {
+        if REPORTS_REASONS { Some(self) } else { None }
+    }
 }
 
 impl Spec {
@@ -728,6 +751,7 @@ impl Spec {
         variant: u8::MAX,
         decimal: false,
         prefix: "",
+        writes: None,
         commands: &[],
         address: None,
         supply: None,

@@ -26,7 +26,7 @@ use self::drive::{Drive, Model};
 pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
-    PortSpec, PresetError, Role, Spec,
+    PortSpec, PresetError, Role, Spec, Writes,
 };
 
 const MODBUS: Port = Port(0);
@@ -81,6 +81,11 @@ static PINS: [PinSpec; 11] = [
     pin("B", Role::Input, Level::Float),
     pin("I", Role::Input, Level::Float),
 ];
+
+static WRITES: Writes = Writes {
+    language: |row| Reg::from_row(row).and_then(registers::mcode_range),
+    refuses: variables::refuses,
+};
 
 static MDRIVE: Spec = spec(
     "mdrive",
@@ -156,6 +161,7 @@ const fn spec(
         memory: MEMORY as u16,
         registers,
         variant: model.variant(),
+        writes: WRITES.reported(),
         reasons: reasons::reasons(model),
         rules: Some(&modbus::RULES),
         errors: error::TEXTS,

@@ -1,6 +1,8 @@
 //! Variables, flags and instructions with a value of an MDrive, under their mnemonics. Those that have an
 //! address in the fieldbus manual (FB) come first, in its order; those that only MCode (MC) has follow.
 
+use core::ops::RangeInclusive;
+
 use crate::motor::stepper::StepperParameters;
 use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
 
@@ -330,20 +332,35 @@ pub(super) const FIRMWARE: &[Reg] = &[Reg::FirmwareVersion1, Reg::FirmwareVersio
 pub(super) const HARDWARE: &[Reg] = &[Reg::HardwareVersion];
 pub(super) const ETHERNET: &[Reg] = &[Reg::EthernetVersion];
 
-/// Returns true if MCode accepts a value. The range is that of the row (FB 5), except for four rows.
-pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
-    let most = match reg {
+/// The values that a row takes in MCode, if they are not those of the bus.
+pub(super) fn mcode_range(reg: Reg) -> Option<RangeInclusive<i64>> {
+    match reg {
         // MCode also has CE = 2 (MC 5-11).
-        Reg::CE => 2,
+        Reg::CE => Some(0..=2),
         // Programs of real machines set errors of their own.
-        Reg::ER => 255,
+        Reg::ER => Some(0..=255),
         // Values above 15 are for outputs 9 to 12, which drives with Ethernet do not have (MC 5-54).
-        Reg::OT => 255,
+        Reg::OT => Some(0..=255),
         // Values above 43 are for TR and TA (MC 5-73).
-        Reg::TE => 63,
-        _ => return Reg::ENTRIES.list.get(reg.row()).is_some_and(|entry| entry.accepts(value)),
-    };
-    (0..=most).contains(&value)
+        Reg::TE => Some(0..=63),
+        // In steps/s (MC 5-70, 5-76).
+        Reg::SS | Reg::TS => Some(38_910..=5_000_000),
+        _ => None,
+    }
+}
+
+/// Returns true if MCode gives this variable in steps/s, and the drive stores a divider.
+pub(super) fn is_frequency(reg: Reg) -> bool {
+    matches!(reg, Reg::SS | Reg::TS)
+}
+
+/// Returns true if MCode accepts a value, as the drive stores it. A row without a range of MCode has that of the bus
+/// (FB 5).
+pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
+    match mcode_range(reg) {
+        Some(range) if !is_frequency(reg) => range.contains(&value),
+        _ => Reg::ENTRIES.list.get(reg.row()).is_some_and(|entry| entry.accepts(value)),
+    }
 }
 
 /// All rows, for other tables that are computed at compile time.

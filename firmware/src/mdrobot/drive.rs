@@ -236,7 +236,7 @@ impl Drive {
 
     /// Checks a value that the row accepts already. For ID and BAUDRATE with the key, DH must be legal. For
     /// `FUNC_CMD_TYPE` only DL is checked.
-    pub(super) fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
+    pub(super) fn validate(pid: Pid, value: i64) -> Result<(), Exception> {
         let legal = match pid {
             Pid::ID => unlocked(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
             Pid::BAUDRATE => unlocked(value).is_none_or(|code| accepts(Pid::CONTROLLER_BAUD, code)),
@@ -347,7 +347,7 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
         let row = Pid::ENTRIES.list.get(pid.row()).ok_or(PresetError::NoSuchRegister)?;
-        if !row.accepts(value) || self.validate(pid, value).is_err() {
+        if !row.accepts(value) || Self::validate(pid, value).is_err() {
             return Err(PresetError::OutOfRange);
         }
         if self.state == State::Off {

@@ -28,7 +28,7 @@ use self::drive::Drive;
 pub use self::registers::Pid;
 use crate::device::{
     AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes,
 };
 use crate::memory;
 use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
@@ -86,6 +86,11 @@ static NOT_MODELLED: [&str; 9] = [
     "effect of a brake or clutch at CLUTCH: the manual does not say which",
 ];
 
+static WRITES: Writes = Writes {
+    refuses: |row, value| Pid::from_row(row).is_some_and(|pid| Drive::validate(pid, value).is_err()),
+    ..Writes::OF_ROWS
+};
+
 static MD400: Spec = Spec {
     kind: "mdrobot",
     product: "MDROBOT MD400 brushless motor controller, 20 A",
@@ -127,6 +132,7 @@ static MD400: Spec = Spec {
     commands: &command::COMMANDS,
     decimal: true,
     prefix: "PID_",
+    writes: WRITES.reported(),
     address: Some(Pid::CONTROLLER_ID as usize),
     supply: Some(Pid::VOLT_IN as usize),
     reasons: reasons::REASONS,
@@ -329,6 +335,6 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
-        self.drive.validate(pid, value)
+        Drive::validate(pid, value)
     }
 }

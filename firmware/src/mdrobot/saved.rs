@@ -35,7 +35,7 @@ impl Drive {
         for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
             let value = Pid::ENTRIES.value(self.bank.words(), row);
             let written = Pid::from_row(row)
-                .is_some_and(|pid| self.validate(pid, value).is_ok() && stored_value(pid, value) == value);
+                .is_some_and(|pid| Self::validate(pid, value).is_ok() && stored_value(pid, value) == value);
             if !(written && entry.accepts(value)) {
                 Pid::ENTRIES.put(self.bank.words_mut(), row, entry.reset);
             }

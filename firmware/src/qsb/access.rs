@@ -233,3 +233,8 @@ fn stored_value(reg: Reg, value: i64) -> i64 {
         _ => value,
     }
 }
+
+/// Returns true for a value of COMMAND that `command` refuses without a motor.
+pub(super) fn is_for_motor(command: i64) -> bool {
+    !matches!(command, 1 | 3) && command & 0xFF != 0x0A
+}

@@ -29,7 +29,7 @@ pub use self::registers::Reg;
 use self::registers::{D, M, S, Variant};
 use crate::device::{
     Axis, AxisSpec, Boot, Context, Device, DropReason, EncoderSpec, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes,
 };
 use crate::memory;
 
@@ -71,6 +71,11 @@ static PINS: [PinSpec; 7] = [
     pin("DIO3", Role::Both, Level::High),
 ];
 
+static WITHOUT_MOTOR: Writes = Writes {
+    refuses: |row, value| row == Reg::Command as usize && access::is_for_motor(value),
+    ..Writes::OF_ROWS
+};
+
 static QSB_D: Spec = spec("qsb-d", "US Digital QSB-D encoder to USB adapter, differential", D);
 static QSB_M: Spec = spec("qsb-m", "US Digital QSB-M encoder to USB adapter with motor drive", M);
 static QSB_S: Spec = spec("qsb-s", "US Digital QSB-S encoder to USB adapter, single-ended", S);
@@ -99,6 +104,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         memory: MEMORY as u16,
         registers: Reg::TABLE,
         variant: variant.bit,
+        writes: if variant.motor { None } else { WITHOUT_MOTOR.reported() },
         reasons: reasons::REASONS,
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY

@@ -9,6 +9,7 @@ mod order;
 mod ranges;
 mod scenarios;
 mod values;
+mod written;
 
 use drivetwin_firmware::device::Instant;
 use drivetwin_sim::bench::{Bench, Client, DriveId, Settings};

@@ -12,6 +12,8 @@ use crate::mdrive::registers::Reg;
 
 /// Maximum sum of HT and MT, in ms (MC 5-32).
 const MAX_DELAY_MS: i32 = 65_535;
+/// The value that HT does not take: it is 0 or at least 2 ms (MC 5-32).
+const NO_DELAY_MS: i32 = 1;
 
 impl Drive {
     /// Checks that a variable may be set to `value`. `as_is` gives the values of other variables: the present
@@ -50,7 +52,7 @@ impl Drive {
             }
             Reg::TE => self.validate_trips(value),
             // "Once the default character has been changed it can not be reset" (MC 5-20).
-            Reg::DN if value != self.stored(Reg::DN) && !is_name(value) => Err(Error::IllegalValue),
+            Reg::DN if value != self.stored(Reg::DN) && !is_name(value.into()) => Err(Error::IllegalValue),
             Reg::IF if value == 1 && self.mcode.vm.awaits_input() => Err(Error::InputPending),
             Reg::S if self.is_in_motion() => Err(Error::SaveInMotion),
             Reg::CF if self.is_in_motion() => Err(Error::ClearLockedInMotion),
@@ -76,7 +78,9 @@ impl Drive {
             Reg::VI if value >= as_is(Reg::VM) => Err(Error::InitialVelocity),
             Reg::VM if value <= as_is(Reg::VI) => Err(Error::MaximumVelocity),
             _ if !self.accepts(reg, value) => Err(illegal(reg)),
-            Reg::HT if value == 1 || value + as_is(Reg::MT) > MAX_DELAY_MS => Err(Error::IllegalValue),
+            Reg::HT if value == NO_DELAY_MS || value + as_is(Reg::MT) > MAX_DELAY_MS => {
+                Err(Error::IllegalValue)
+            }
             Reg::MT if value + as_is(Reg::HT) > MAX_DELAY_MS => Err(Error::IllegalValue),
             Reg::MS if self.is_closed() && value != CLOSED_MICROSTEPS => Err(Error::IllegalRatio),
             Reg::EL if self.is_closed() && !self.fits(value, CLOSED_MICROSTEPS) => Err(Error::IllegalRatio),
@@ -136,7 +140,7 @@ impl Drive {
 }
 
 /// Returns true if DN may be this character: a to z, A to Z, 0 to 9 (MC 5-20).
-fn is_name(character: i32) -> bool {
+fn is_name(character: i64) -> bool {
     u8::try_from(character).is_ok_and(|character| character.is_ascii_alphanumeric())
 }
 
@@ -147,6 +151,21 @@ pub(in crate::mdrive) fn illegal(reg: Reg) -> Error {
         Reg::IC | Reg::DC => Error::NotCountable,
         Reg::BD => Error::IllegalBaud,
         _ => Error::IllegalValue,
+    }
+}
+
+/// Returns true for a value that the range of its variable has, but that no write can set.
+pub(in crate::mdrive) fn refuses(row: usize, value: i64) -> bool {
+    let is_factory_value = |reg| entry(reg).reset == value;
+    match Reg::from_row(row) {
+        Some(Reg::HT) => value == i64::from(NO_DELAY_MS),
+        Some(Reg::DN) => !is_name(value) && !is_factory_value(Reg::DN),
+        Some(Reg::IC | Reg::DC) => {
+            let mut list = Reg::ENTRIES.list.iter();
+            let row = list.position(|row| row.space == Space::Holding && i64::from(row.address) == value);
+            !row.and_then(Reg::from_row).is_some_and(is_countable)
+        }
+        _ => false,
     }
 }
 

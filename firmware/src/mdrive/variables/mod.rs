@@ -6,25 +6,21 @@ mod apply;
 mod judge;
 mod units;
 
-use core::ops::RangeInclusive;
-
 use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
 
-pub(super) use self::judge::illegal;
+pub(super) use self::judge::{illegal, refuses};
 use super::drive::{Drive, Model};
 use super::error::Error;
 use super::hybrid::{divider, frequency};
 use super::mcode::names::Meaning;
 use super::mcode::statement::{Name, Operand};
-use super::registers::Reg;
+use super::registers::{Reg, is_frequency, mcode_range};
 use crate::device::{Context, Instant};
 
 /// Stored value of CR for a ratio of 1.
 pub(super) const RATIO_ONE: i32 = 1_000;
 /// Value of AS for torque mode.
 const TORQUE: i64 = 3;
-/// Range of SS and TS in MCode (MC 5-70, 5-76), in Hz.
-const FREQUENCIES: RangeInclusive<i32> = 38_910..=5_000_000;
 
 impl Drive {
     /// Present value of a variable, as its register reads. This has none of the side effects of reading. A
@@ -152,7 +148,7 @@ impl Drive {
         if !is_frequency(reg) {
             return self.write(at, reg, value, out);
         }
-        if !FREQUENCIES.contains(&value) {
+        if !mcode_range(reg).is_some_and(|range| range.contains(&i64::from(value))) {
             return Err(Error::IllegalValue);
         }
         self.write(at, reg, divider(value), out)
@@ -224,11 +220,6 @@ pub(super) fn is_number(reg: Reg) -> bool {
 /// Amount that IC or DC adds.
 fn step(reg: Reg) -> i32 {
     if reg == Reg::DC { -1 } else { 1 }
-}
-
-/// Returns true if MCode gives this variable in Hz.
-fn is_frequency(reg: Reg) -> bool {
-    matches!(reg, Reg::SS | Reg::TS)
 }
 
 /// Bit of an output, O1 to O4, in OL.

@@ -1,7 +1,7 @@
 //! Tables of scenarios.
 
-use drivetwin_firmware::device::{Duration, Fault, Framing, Instant, Role, Spec};
-use drivetwin_protocol::registers::Shape;
+use drivetwin_firmware::device::{Duration, Fault, Instant, Role, Spec, Writes};
+use drivetwin_protocol::registers::{Row, Shape, Space};
 
 use super::Reader;
 use super::fault_tables::line_fault_keys;
@@ -96,7 +96,7 @@ impl Reader {
     fn written(&self, when: &Table<'_>) -> Result<Written, LocatedError> {
         let drive = self.drive_at(&when.needed_text("drive")?)?;
         let (spec, name) = (self.spec(drive), when.needed_text("register")?);
-        let rows = || spec.rows().filter(|(_, row)| row.access.writes());
+        let rows = || spec.rows().filter(|(_, row)| row.access.writes() && row.space != Space::Setting);
         let Some(named) = spec.find(name.is) else {
             let place = format!(" of {} that a master writes", spec.kind);
             let names = rows().map(|(_, row)| row.name);
@@ -110,22 +110,8 @@ impl Reader {
         }
         let value = when.whole("value", i64::MIN, i64::MAX)?;
         if let Some(value) = &value {
-            // MCode writes more values to some registers than their rows allow on the bus.
-            let has_other_words = spec.ports.iter().any(|port| port.framing == Framing::Return);
-            let (least, greatest) = row.shape.limits();
-            let is_possible = match row.shape {
-                Shape::Words(_) => false,
-                _ if has_other_words => (least..=greatest).contains(&value.is),
-                _ => row.accepts(value.is),
-            };
-            if !is_possible {
-                let why = match row.shape {
-                    Shape::Words(count) => format!("it has {count} words, so 'value' cannot name them"),
-                    _ if has_other_words => format!("it takes {least} to {greatest}"),
-                    _ => legal(row),
-                };
-                return Err(value.wrong(format!("{} never has the value {}: {why}", row.name, value.is)));
-            }
+            let never = |why| value.wrong(format!("{} never has the value {}: {why}", row.name, value.is));
+            check_value(spec, (named.row, row), value.is).map_err(never)?;
         }
         let value = value.map(|value| value.is);
         Ok(Written { drive: DriveId(drive as u32), row: named.row, value })
@@ -209,6 +195,24 @@ impl Reader {
 
     fn drive_at(&self, name: &Located<&str>) -> Result<usize, LocatedError> {
         self.drive_named(name.is).map_err(LocatedError::at(name.at))
+    }
+}
+
+/// Checks that a request of a master can write a value to a row.
+///
+/// # Errors
+/// The reason why the drive never accepts such a request.
+fn check_value(spec: &Spec, (index, row): (usize, &Row), value: i64) -> Result<(), String> {
+    if let Shape::Words(count) = row.shape {
+        return Err(format!("it has {count} words, so 'value' cannot name them"));
+    }
+    let Writes { language, refuses } = spec.writes.unwrap_or(&Writes::OF_ROWS);
+    match language(index) {
+        Some(range) if range.contains(&value) => Ok(()),
+        _ if refuses(index, value) => Err(format!("{} refuses it", spec.kind)),
+        _ if row.accepts(value) => Ok(()),
+        Some(range) => Err(format!("{}, in MCode {} to {}", legal(row), range.start(), range.end())),
+        None => Err(legal(row)),
     }
 }
 
