@@ -132,7 +132,7 @@ impl Scenario {
 }
 
 /// Most scenarios that a bench plays at once.
-const MOST_SCENARIOS: usize = 1_000;
+pub(crate) const MOST_SCENARIOS: usize = 1_000;
 
 /// A scenario that is being played.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use drivetwin_firmware::device::{Duration, Level, Pin};
 
 use crate::bench::{Bench, DriveId, Setup};
-use crate::config::layout::{At, Built, Layout};
+use crate::config::layout::{At, Built, Layout, WireLayout};
 
 /// Time after power-on at which the pins of drives without a start-up delay are examined.
 const SETTLED: Duration = Duration::millis(10);
@@ -23,24 +23,27 @@ impl Layout {
         let Built { mut bench, drives, .. } =
             self.build(self.settings(), self.drives.iter().map(setup).collect())?;
         bench.run_until(bench.now() + SETTLED);
-        let mut warnings = self.of_buses(&bench, &drives);
-        for wire in &self.wires {
-            let (drive, pin) = wire.from;
-            if bench.output(drives[drive], pin) == Level::Float {
-                warnings.push(format!(
-                    "[[wire]] from {} to {}: {} does not drive that pin after power-on",
-                    self.pin_name(&bench, &drives, wire.from),
-                    self.pin_name(&bench, &drives, wire.to),
-                    self.drives[drive].name,
-                ));
-            }
-        }
-        Ok(warnings)
+        let (addresses, settings) = self.of_buses(&bench, &drives);
+        let floats = |wire: &&WireLayout| bench.output(drives[wire.from.0], wire.from.1) == Level::Float;
+        let wires = self.wires.iter().filter(floats).map(|wire| {
+            format!(
+                "[[wire]] from {} to {}: {} does not drive that pin after power-on",
+                self.pin_name(&bench, &drives, wire.from),
+                self.pin_name(&bench, &drives, wire.to),
+                self.drives[wire.from.0].name,
+            )
+        });
+        Ok([
+            some(addresses, "drives with the same address on a bus"),
+            some(settings, "a bus with different serial settings"),
+            some(wires.collect(), "a wire from a pin that its drive does not drive after power-on"),
+        ]
+        .concat())
     }
 
-    /// Warnings about drives on shared lines.
-    fn of_buses(&self, bench: &Bench, ids: &[DriveId]) -> Vec<String> {
-        let mut warnings = Vec::new();
+    /// Warnings about drives on shared lines: about their addresses, and about their serial settings.
+    fn of_buses(&self, bench: &Bench, ids: &[DriveId]) -> (Vec<String>, Vec<String>) {
+        let (mut same_address, mut other_settings) = (Vec::new(), Vec::new());
         for bus in &self.buses {
             let mut addresses: BTreeMap<i64, Vec<&str>> = BTreeMap::new();
             let mut lines: BTreeMap<String, Vec<&str>> = BTreeMap::new();
@@ -54,7 +57,7 @@ impl Layout {
                 }
             }
             for (address, names) in addresses.iter().filter(|(_, names)| names.len() > 1) {
-                warnings.push(format!(
+                same_address.push(format!(
                     "bus '{}': {} have the same address {address}",
                     bus.name,
                     listed(names)
@@ -63,14 +66,14 @@ impl Layout {
             if lines.len() > 1 {
                 let parts: Vec<String> =
                     lines.iter().map(|(line, names)| format!("{line} ({})", listed(names))).collect();
-                warnings.push(format!(
+                other_settings.push(format!(
                     "bus '{}' has different serial settings: {}",
                     bus.name,
                     parts.join(", ")
                 ));
             }
         }
-        warnings
+        (same_address, other_settings)
     }
 
     /// Name of a pin, like `x.J2.4`.
@@ -78,6 +81,17 @@ impl Layout {
         let pin = bench.spec(ids[drive]).pins.get(usize::from(pin)).map_or("", |pin| pin.name);
         format!("{}.{pin}", self.drives[drive].name)
     }
+}
+
+/// Of many warnings of one sort the first three, and the number of the others: a numbered table repeats its warning.
+fn some(mut warnings: Vec<String>, about: &str) -> Vec<String> {
+    const SHOWN: usize = 3;
+    let left_out = warnings.len().saturating_sub(SHOWN);
+    if left_out > 1 {
+        warnings.truncate(SHOWN);
+        warnings.push(format!("{left_out} more warnings about {about}"));
+    }
+    warnings
 }
 
 /// Names as text; of many names the first three and the number of the others.
@@ -128,6 +142,37 @@ mod tests {
         assert_eq!(
             warnings(&text),
             ["bus 'line1' has different serial settings: 19200 8N1 (m), 9600 8E1 (x1 and x2)"]
+        );
+    }
+
+    #[test]
+    fn warnings_of_a_numbered_table_are_not_repeated() {
+        let text = "
+            [defaults.drive]
+            kind = 'md3'
+            [[drive]]
+            name = 'x{1..300}'
+            [[drive]]
+            name = 'y{1..300}'
+            [[bus]]
+            name = 'b{1..300}'
+            drives = ['x{n}', 'y{n}']
+            [[wire]]
+            from = 'x{1..300}.J2.9'
+            to = 'y{n}.J2.2'
+        ";
+        assert_eq!(
+            warnings(text),
+            [
+                "bus 'b1': x1 and y1 have the same address 1",
+                "bus 'b2': x2 and y2 have the same address 1",
+                "bus 'b3': x3 and y3 have the same address 1",
+                "297 more warnings about drives with the same address on a bus",
+                "[[wire]] from x1.J2.9 to y1.J2.2: x1 does not drive that pin after power-on",
+                "[[wire]] from x2.J2.9 to y2.J2.2: x2 does not drive that pin after power-on",
+                "[[wire]] from x3.J2.9 to y3.J2.2: x3 does not drive that pin after power-on",
+                "297 more warnings about a wire from a pin that its drive does not drive after power-on",
+            ]
         );
     }
 

@@ -149,34 +149,51 @@ fn merge<'i>(table: &mut DeTable<'i>, defaults: &DeTable<'i>) {
     }
 }
 
-/// Replaces each table whose name has a range, like `x{1..300}`, by its copies.
+/// Replaces each numbered table by its copies. A table is numbered by the range in its name, like `x{1..300}`, or, if
+/// it has no name, by the first range in its text.
 fn copies<'i>(tables: DeArray<'i>, filled: &mut Filled) -> Result<DeArray<'i>, LocatedError> {
     let mut all = DeArray::new();
     for table in tables {
-        let name = table.get_ref().get("name").map(|name| (name.span().start, name.get_ref().as_str()));
-        let range = match name {
-            Some((at, Some(text))) => Range::find(text).map_err(LocatedError::at(at))?,
-            _ => None,
-        };
-        let Some(range) = range else {
+        let Some(range) = range_of(&table)? else {
             all.push(table);
             continue;
         };
         for number in range.numbers() {
             let mut copy = table.clone();
-            if let DeValue::Table(keys) = copy.get_mut() {
-                for (key, value) in keys.iter_mut() {
-                    if key.get_ref() == "name" {
-                        *value = Spanned::new(value.span(), DeValue::String(range.name(number).into()));
-                    } else {
-                        replace(value, filled, &|text| fill_numbers(text, number))?;
-                    }
-                }
-            }
+            replace(&mut copy, filled, &|text| fill_numbers(text, &range, number))?;
             all.push(copy);
         }
     }
     Ok(all)
+}
+
+/// The range that numbers a table, if there is one.
+fn range_of(table: &Spanned<DeValue<'_>>) -> Result<Option<Range>, LocatedError> {
+    let mut texts = Vec::new();
+    match table.get_ref().get("name") {
+        Some(name) => strings(name, &mut texts),
+        None => {
+            strings(table, &mut texts);
+            texts.retain(|(_, text)| text.contains(".."));
+            texts.sort_by_key(|(at, _)| *at);
+        }
+    }
+    for (at, text) in texts {
+        if let Some(range) = Range::find(text).map_err(LocatedError::at(at))? {
+            return Ok(Some(range));
+        }
+    }
+    Ok(None)
+}
+
+/// Adds all strings in a value, each with its position.
+fn strings<'a>(value: &'a Spanned<DeValue<'_>>, all: &mut Vec<(usize, &'a str)>) {
+    match value.get_ref() {
+        DeValue::String(text) => all.push((value.span().start, text)),
+        DeValue::Array(values) => values.iter().for_each(|value| strings(value, all)),
+        DeValue::Table(table) => table.values().for_each(|value| strings(value, all)),
+        _ => {}
+    }
 }
 
 /// Expands names with a range in the list of drives of a `[[bus]]`.
@@ -204,6 +221,8 @@ fn expand_names_of_bus(bus: &mut Spanned<DeValue<'_>>) -> Result<(), LocatedErro
 /// A name with a range of numbers, like `x{1..300}`.
 struct Range {
     before: String,
+    /// The text in the braces.
+    inside: String,
     first: u64,
     last: u64,
     behind: String,
@@ -224,7 +243,8 @@ impl Range {
         if first > last || last - first >= MAX_COPIES {
             return Err(format!("'{text}' takes 1 to {MAX_COPIES} numbers; write the lower one first"));
         }
-        Ok(Some(Self { before: before.to_owned(), first, last, behind: behind.to_owned() }))
+        let (before, inside, behind) = (before.to_owned(), inside.to_owned(), behind.to_owned());
+        Ok(Some(Self { before, inside, first, last, behind }))
     }
 
     fn numbers(&self) -> std::ops::RangeInclusive<u64> {
@@ -236,15 +256,24 @@ impl Range {
     }
 }
 
-/// Replaces `{n}`, and expressions with `n` such as `{5000+n}`, in a text.
-fn fill_numbers(text: &str, n: u64) -> Result<Option<String>, String> {
+/// Replaces the range of a numbered table, `{n}`, and expressions with `n` such as `{5000+n}`, in a text.
+fn fill_numbers(text: &str, range: &Range, n: u64) -> Result<Option<String>, String> {
     let (mut result, mut rest) = (String::new(), text);
     while let Some((before, after)) = rest.split_once('{') {
         let wrong =
             || format!("'{text}' needs a sum with n in its braces, like {{n}}, {{5000+n}} or {{2*n-1}}");
         let (inside, behind) = after.split_once('}').ok_or_else(wrong)?;
         result.push_str(before);
-        result.push_str(&sum(inside, n).ok_or_else(wrong)?.to_string());
+        if inside == range.inside {
+            result.push_str(&n.to_string());
+        } else if inside.contains("..") {
+            let own = &range.inside;
+            return Err(format!(
+                "'{text}' has another range than {{{own}}}, which numbers the table; use {{n}}"
+            ));
+        } else {
+            result.push_str(&sum(inside, n).ok_or_else(wrong)?.to_string());
+        }
         rest = behind;
     }
     if rest.len() == text.len() {
@@ -277,6 +306,7 @@ fn sum(text: &str, n: u64) -> Option<i64> {
 #[cfg(test)]
 mod tests {
     use super::super::{FileError, parse_with};
+    use crate::bench::scenario::{Step, Trigger};
     use crate::config::layout::Layout;
     use proptest::prelude::*;
 
@@ -341,6 +371,61 @@ mod tests {
         assert_eq!(layout.buses[0].drives.len(), 3);
         let drives: Vec<usize> = layout.motors.iter().map(|motor| motor.drive).collect();
         assert_eq!(drives, [3, 2, 1, 0]);
+    }
+
+    #[test]
+    fn tables_without_a_name_are_numbered_by_their_first_range() {
+        let text = "
+            [[drive]]
+            name = 'x{1..3}'
+            kind = 'md3'
+            [[motor]]
+            name = 'm{1..3}'
+            drive = 'x{1..3}'
+            [[encoder]]
+            cycles_per_rev = '{100*n}'
+            motor = 'm{1..3}'
+            to = { index = 'x{4-n}.J2.4' }
+            [[switch]]
+            to = 'x{n}.J2.2'
+            motor = 'm{2..3}'
+            closed = { below_rev = '{n}' }
+            [[wire]]
+            from = 'x{1..2}.J2.9'
+            to = 'x{n+1}.J2.3'
+            [[wire]]
+            from = 'x1.J2.10'
+            to = 'x{1..3}.J2.5'
+            [[fault]]
+            bus = 'x{1..3}.rs485'
+            delay_ms = '{n}'
+            [[scenario]]
+            steps = [
+                { at_s = 1, drive = 'x1', power = 'off' },
+                { when = { drive = 'x{2..3}', register = 'Speed', value = '{n}' }, drive = 'x{2..3}', power = 'off' },
+            ]
+        ";
+        let layout = read(text).expect("a bench");
+        let encoders = layout.encoders.iter();
+        let encoders: Vec<_> = encoders
+            .map(|encoder| (encoder.motor, encoder.cycles_per_rev, encoder.index.map(|(drive, _)| drive)))
+            .collect();
+        assert_eq!(encoders, [(0, 100, Some(2)), (1, 200, Some(1)), (2, 300, Some(0))]);
+        let switches = layout.switches.iter();
+        let switches: Vec<_> =
+            switches.map(|switch| (switch.motor, switch.to.0, switch.closed.below_rev)).collect();
+        assert_eq!(switches, [(1, 1, Some(2.0)), (2, 2, Some(3.0))]);
+        let wires: Vec<_> = layout.wires.iter().map(|wire| (wire.from.0, wire.to.0)).collect();
+        assert_eq!(wires, [(0, 1), (1, 2), (0, 0), (0, 1), (0, 2)]);
+        let buses: Vec<_> = layout.faults.iter().map(|fault| fault.bus.as_str()).collect();
+        assert_eq!(buses, ["x1.rs485", "x2.rs485", "x3.rs485"]);
+        let waits = layout.scenarios.iter().map(|scenario| match &scenario.steps[..] {
+            [Step { trigger: Trigger::At(_), .. }, Step { trigger: Trigger::Written(written), .. }] => {
+                (written.drive.0, written.value)
+            }
+            steps => panic!("{steps:?}"),
+        });
+        assert_eq!(waits.collect::<Vec<_>>(), [(1, Some(2)), (2, Some(3))]);
     }
 
     #[test]
@@ -436,6 +521,31 @@ mod tests {
             (
                 drive("nv = 'x.nv'").replace("'x'", "'x{1..2}'"),
                 "line 4, column 6: x.nv is already the memory of another drive; use another file",
+            ),
+            (
+                drive("nv = 'x{1..3}.nv'").replace("'x'", "'x{1..2}'"),
+                "line 4, column 6: 'x{1..3}.nv' has another range than {1..2}, which numbers the table; use {n}",
+            ),
+            (
+                format!("{}\n[[wire]]\nfrom = 'x.J2.9'\nto = 'x{{3..1}}.J2.2'", drive("")),
+                "line 7, column 6: 'x{3..1}.J2.2' takes 1 to 10000 numbers; write the lower one first",
+            ),
+            (
+                format!("{}\n[[wire]]\nfrom = 'x.J2.9'\nto = 'x{{1..3}}.J2.2'", drive("")),
+                "line 7, column 6: there is no drive 'x1'; the nearest is 'x'",
+            ),
+            (
+                format!("{}\n[[wire]]\nfrom = 'x.J2.9'\nto = '{{x..2}}.J2.2'", drive("")),
+                "line 7, column 6: '{x..2}.J2.2' has no range of numbers, like x{1..300}",
+            ),
+            (
+                format!("{}\n[[wire]]\nfrom = 'x{{1..2}}.J2.9'\nto = 'x{{1..3}}.J2.2'", drive("")),
+                "line 7, column 6: 'x{1..3}.J2.2' has another range than {1..2}, which numbers the table; use {n}",
+            ),
+            (
+                drive("[[scenario]]\nsteps = [{ drive = 'x{1..1001}', power = 'off' }]")
+                    .replace("'x'", "'x{1..1001}'"),
+                "line 4, column 1: a bench plays 1000 scenarios at once",
             ),
             (
                 format!("[defaults.motor]\n{}", drive("")),

@@ -6,7 +6,7 @@ use drivetwin_protocol::registers::{Row, Shape, Space};
 use super::Reader;
 use super::fault_tables::line_fault_keys;
 use super::table::{Located, LocatedError, Table};
-use crate::bench::scenario::{Action, Scenario, Step, Trigger, Written};
+use crate::bench::scenario::{Action, MOST_SCENARIOS, Scenario, Step, Trigger, Written};
 use crate::bench::{PULSE_HZ, PinStimulus, PowerAction};
 use crate::decode::modbus::legal;
 use crate::ids::DriveId;
@@ -63,6 +63,10 @@ impl Reader {
         }
         if steps.is_empty() {
             return Err(LocatedError { at: table.at, what: "a scenario needs a step".to_owned() });
+        }
+        if self.layout.scenarios.len() >= MOST_SCENARIOS {
+            let what = format!("a bench plays {MOST_SCENARIOS} scenarios at once");
+            return Err(LocatedError { at: table.at, what });
         }
         self.layout.scenarios.push(Scenario { steps });
         Ok(())
