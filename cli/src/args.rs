@@ -78,8 +78,8 @@ pub(crate) struct Plot {
     /// Trace file (see `drivetwin run --record`), or - for standard input
     #[arg(value_name = "FILE.trace")]
     pub(crate) file: String,
-    /// Output file; to stdout without -o
-    #[arg(short, long, value_name = "FILE.svg")]
+    /// Output file; to stdout, as SVG, without -o. PNG needs the feature `png` of the program
+    #[arg(short, long, value_name = "FILE.svg|FILE.png")]
     pub(crate) output: Option<PathBuf>,
     /// Begin of the time axis [default: the beginning of the trace]
     #[arg(long, value_name = "SECONDS", allow_hyphen_values = true, value_parser = seconds)]

@@ -5,6 +5,7 @@
 mod args;
 mod commands;
 mod log;
+mod png;
 
 use std::ffi::OsString;
 

@@ -64,7 +64,8 @@ const CHECKS: [Check; 29] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
-        Ok(cmd!(sh, "cargo clippy {host...} --all-targets -- -D warnings").run()?)
+        Ok(cmd!(sh, "cargo clippy {host...} --features drivetwin-cli/png --all-targets -- -D warnings")
+            .run()?)
     }),
     check(Group::Host, "licences and origins of crates", &[], crates::check),
     check(Group::Host, "rustdoc", &[], |sh| {
@@ -222,6 +223,7 @@ fn tests(sh: &Shell) -> Result<()> {
         cmd!(sh, "cargo test {host...} --no-fail-fast --bins --test '*' -- {apart...}"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --test program -- {WAITING...} --test-threads 8"),
         cmd!(sh, "cargo test {host...} --no-fail-fast --doc"),
+        cmd!(sh, "cargo test --package drivetwin-cli --features png --lib"),
     ];
     // Each test command runs, even if another one fails.
     let results = tests.map(|test| test.env("PROPTEST_RNG_SEED", &seed).run());

@@ -9,7 +9,8 @@ use spdx::{Expression, ParseMode};
 use xshell::Shell;
 
 /// Licences that permit redistribution of an unmodified program.
-const LICENCES: [&str; 5] = ["0BSD", "Apache-2.0", "BSD-3-Clause", "MIT", "Unicode-3.0"];
+const LICENCES: [&str; 8] =
+    ["0BSD", "Apache-2.0", "BSD-3-Clause", "MIT", "OFL-1.1", "Ubuntu-font-1.0", "Unicode-3.0", "Zlib"];
 
 /// Crates that must not be used, each with the reason.
 const BANNED: [(&str, &str); 1] =

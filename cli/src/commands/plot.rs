@@ -8,19 +8,21 @@ use drivetwin_sim::export::plot::{self, Options};
 
 use super::{print, trace};
 use crate::args::Plot;
-use crate::log;
+use crate::{log, png};
 
-/// Draws a trace as an SVG, to a file or to stdout.
+/// Draws a trace as an SVG to a file or to stdout, or as a PNG to a file.
 ///
 /// # Errors
 /// One sentence that names the file or the option, and the error.
 pub(crate) fn plot(arguments: Plot) -> Result<(), String> {
     let Plot { file, output, from, to, drive } = arguments;
-    if let Some(output) = &output
-        && output.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("svg"))
+    let ends_in = |path: &Path, end| path.extension().is_some_and(|is| is.eq_ignore_ascii_case(end));
+    let is_png = output.as_ref().is_some_and(|path| ends_in(path, "png"));
+    if let Some(path) = &output
+        && !is_png
+        && !ends_in(path, "svg")
     {
-        let path = output.display();
-        return Err(format!("-o {path}: the name must end in .svg, because only SVG is drawn"));
+        return Err(format!("-o {}: the name must end in .svg or .png", path.display()));
     }
     let (name, bytes) = if file == "-" {
         let mut bytes = Vec::new();
@@ -41,7 +43,9 @@ pub(crate) fn plot(arguments: Plot) -> Result<(), String> {
     match output {
         None => print(&picture),
         Some(path) => {
-            std::fs::write(&path, picture).map_err(|error| format!("-o {}: {error}", path.display()))
+            let wrong = |error| format!("-o {}: {error}", path.display());
+            let picture = if is_png { png::from_svg(&picture).map_err(wrong)? } else { picture.into_bytes() };
+            std::fs::write(&path, picture).map_err(|error| wrong(error.to_string()))
         }
     }
 }

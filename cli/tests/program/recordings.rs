@@ -175,6 +175,20 @@ fn a_recording_is_a_picture() {
     let part = String::from_utf8(part.stdout).unwrap();
     assert!(part.contains("time in ms") && !part.contains("write MotionControl"));
 
+    // HOST-25.
+    let image = scratch.file("x.png");
+    if cfg!(feature = "png") {
+        assert_eq!(drivetwin(&["plot", &trace, "-o", &image]).status.code(), Some(0));
+        assert!(std::fs::read(&image).unwrap().starts_with(b"\x89PNG\r\n"));
+    } else {
+        let said = refused(&["plot", &trace, "-o", &image]);
+        assert!(
+            said.contains(&format!("-o {image}: this program was built without PNG; install it with")),
+            "{said}"
+        );
+        assert!(!std::path::Path::new(&image).exists());
+    }
+
     assert!(refused(&["plot", &trace, "--drive", "y"]).contains("there is no drive 'y'"));
     assert!(refused(&["plot", &trace, "--from", "5"]).contains("the trace ends at 3 s"));
     std::fs::write(&trace, format!("{text}nonsense")).unwrap();

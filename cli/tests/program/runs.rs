@@ -114,10 +114,7 @@ fn an_error_in_options_is_one_sentence() {
         (vec!["describe", "md3", "--json", "--markdown"], "cannot be used with"),
         (vec!["replay", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
         (vec!["plot", "/nowhere/md3.trace"], "/nowhere/md3.trace: "),
-        (
-            vec!["plot", "a.trace", "-o", "a.png"],
-            "-o a.png: the name must end in .svg, because only SVG is drawn",
-        ),
+        (vec!["plot", "a.trace", "-o", "a.pdf"], "-o a.pdf: the name must end in .svg or .png"),
         (vec!["plot", "a.trace", "--from", "-1"], "--from"),
         (vec!["plot", "a.trace", "--to", "soon"], "it takes a number of seconds from 0 on, for instance 2.5"),
     ] {
