@@ -33,7 +33,7 @@ pub(crate) fn add(bench: &mut Bench, text: &str) -> Result<Added, String> {
 /// One sentence, without the place in the text.
 pub(crate) fn play(bench: &mut Bench, text: &str) -> Result<(), String> {
     let scenarios = bench_file::parse_scenarios(text, bench).map_err(|error| error.what)?;
-    scenarios.into_iter().try_for_each(|scenario| bench.play(scenario))
+    bench.play_all(scenarios)
 }
 
 /// A value in TOML.

@@ -227,26 +227,38 @@ impl Bench {
     /// There is no line or TCP port of a name in the scenario, or 1,000 scenarios have not ended yet; nothing is
     /// played then.
     pub fn play(&mut self, scenario: Scenario) -> Result<(), String> {
-        let unknown = scenario.steps.iter().find_map(|step| match &step.action {
-            Action::LineFaults { bus, .. } if self.find_outlet(bus).is_none() => Some(bus),
-            _ => None,
-        });
+        self.play_all(vec![scenario])
+    }
+
+    /// Plays scenarios beside each other, like [`play`](Self::play).
+    ///
+    /// # Errors
+    /// As [`play`](Self::play); none of them is played then.
+    pub fn play_all(&mut self, scenarios: Vec<Scenario>) -> Result<(), String> {
+        let unknown =
+            scenarios.iter().flat_map(|scenario| &scenario.steps).find_map(|step| match &step.action {
+                Action::LineFaults { bus, .. } if self.find_outlet(bus).is_none() => Some(bus),
+                _ => None,
+            });
         if let Some(bus) = unknown {
             return Err(format!("there is no bus '{bus}'"));
         }
-        let ended = self.scenarios.iter().position(Playing::is_over);
-        if ended.is_none() && self.scenarios.len() >= MOST_SCENARIOS {
+        let playing = self.scenarios.iter().filter(|scenario| !scenario.is_over()).count();
+        if playing + scenarios.len() > MOST_SCENARIOS {
             return Err(format!(
                 "a bench plays {MOST_SCENARIOS} scenarios at once; wait until one has ended"
             ));
         }
-        let number = ended.unwrap_or(self.scenarios.len());
-        let playing = Playing::new(scenario);
-        match self.scenarios.get_mut(number) {
-            Some(ended) => *ended = playing,
-            None => self.scenarios.push(playing),
+        for scenario in scenarios {
+            let ended = self.scenarios.iter().position(Playing::is_over);
+            let number = ended.unwrap_or(self.scenarios.len());
+            let playing = Playing::new(scenario);
+            match self.scenarios.get_mut(number) {
+                Some(ended) => *ended = playing,
+                None => self.scenarios.push(playing),
+            }
+            self.begin_step(number);
         }
-        self.begin_step(number);
         Ok(())
     }
 

@@ -211,9 +211,8 @@ pub(super) async fn play(
 ) -> Result<StatusCode, Problem> {
     api.call(move |event_loop| {
         let bench = &mut event_loop.bench;
-        for scenario in scenario.on(bench).map_err(Problem::refused)? {
-            bench.play(scenario).map_err(Problem::conflict)?;
-        }
+        let scenarios = scenario.on(bench).map_err(Problem::refused)?;
+        bench.play_all(scenarios).map_err(Problem::conflict)?;
         event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })

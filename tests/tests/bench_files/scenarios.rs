@@ -218,6 +218,22 @@ fn ended_scenarios_make_room_for_others() {
 }
 
 #[test]
+fn numbered_scenarios_are_all_played_or_none() {
+    let mut bench = built("[[drive]]\nname = 'x{1..600}'\nkind = 'qsb-d'\nlisten = []").bench;
+    let text = "[[scenario]]\nsteps = [{ after_ms = 1, drive = 'x{1..600}', power = 'off' }]";
+    let all = parse_scenarios(text, &bench).unwrap();
+    assert_eq!(all.len(), 600);
+    bench.play_all(all.clone()).unwrap();
+    assert!(bench.play_all(all.clone()).is_err());
+    bench.play_all(all[..400].to_vec()).unwrap();
+    assert!(bench.play(all[0].clone()).is_err());
+    bench.run_until(bench.now() + Duration::millis(1));
+    let on = bench.drives().filter(|&drive| bench.powered(drive)).count();
+    assert_eq!(on, 0);
+    bench.play_all(all).unwrap();
+}
+
+#[test]
 fn a_text_of_scenarios_has_no_other_tables() {
     let bench = built(DRIVES).bench;
     let wrong = parse_scenarios("[[drive]]\nname = 'y'\nkind = 'md3'", &bench).unwrap_err();

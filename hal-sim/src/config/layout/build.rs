@@ -129,11 +129,11 @@ impl Layout {
             faults.map_drives(on_bench);
             bench.set_faults(outlet, faults);
         }
-        for scenario in &self.scenarios {
-            let mut scenario = scenario.clone();
+        let mut scenarios = self.scenarios.clone();
+        for scenario in &mut scenarios {
             scenario.map_drives(on_bench);
-            bench.play(scenario)?;
         }
+        bench.play_all(scenarios)?;
         Ok(Added { drives: ids, buses, motors })
     }
 
