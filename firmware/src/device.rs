@@ -715,7 +715,7 @@ pub struct Spec {
     pub errors: &'static [(u8, &'static str)],
     /// Row of the number of the last error.
     pub last_error: Option<usize>,
-    /// The only reason of Modbus exception 04; empty if there are several.
+    /// The only reason of Modbus exception 04; empty if there are several, and without the feature `reasons`.
     pub failure: &'static str,
     /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
     pub not_modelled: &'static [&'static str],

@@ -33,7 +33,7 @@ use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, LogEvent, Output, Pin,
-    PinSpec, Port, PortSpec, PresetError, Role, Spec,
+    PinSpec, Port, PortSpec, PresetError, REPORTS_REASONS, Role, Spec,
 };
 use crate::memory;
 use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
@@ -121,7 +121,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         supply: Some(Reg::SUPPLY as usize),
         reasons: reasons::REASONS,
         rules: Some(&RULES),
-        failure: "a user program is running, so no program can be saved",
+        failure: if REPORTS_REASONS { "a user program is running, so no program can be saved" } else { "" },
         not_modelled: &NOT_MODELLED,
         ..Spec::EMPTY
     }
