@@ -85,6 +85,11 @@ def test_a_request_soon_after_another_drives_reply_is_warned_about(run, tmp_path
         assert number < 1_000
     assert "line: a drive may ignore this request on a real line: sent " in line.drivetwin.said()
     assert "; t3.5 is 1.8 ms" in line.drivetwin.said()
+    # The journal says which requests were early, beside their verdicts.
+    received = [one for name in "ab" for one in line.drivetwin.call("GET", f"/api/drives/{name}/received")["requests"]]
+    early = [one for one in received if one["reason"] and one["reason"].endswith("; t3.5 is 1.8 ms")]
+    assert len(early) == line.early()
+    assert all(one["verdict"] == "done" and one["outcome"] == f"VERSION = 81; {one['reason']}" for one in early)
 
 
 @pytest.mark.parametrize("place", PLACES)
