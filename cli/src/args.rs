@@ -56,8 +56,9 @@ pub(crate) enum Command {
     },
     /// Replay a trace; on a difference print the first one and exit with code 1
     Replay {
-        /// Trace file (see `drivetwin run --record`)
-        file: PathBuf,
+        /// Trace file (see `drivetwin run --record`), or - for standard input
+        #[arg(value_name = "FILE.trace")]
+        file: String,
     },
     /// Draw a trace: motion, pins and messages of each drive over time
     Plot(Plot),

@@ -10,7 +10,8 @@ pub(crate) mod reference;
 pub(crate) mod replay;
 pub(crate) mod run;
 
-use std::io::{self, Write as _};
+use std::fs::File;
+use std::io::{self, Read as _, Write as _};
 
 use drivetwin_sim::catalog;
 use drivetwin_sim::record::trace::{Trace, whole_lines};
@@ -31,14 +32,22 @@ pub(crate) fn print(text: &str) -> Result<(), String> {
     }
 }
 
-/// Reads a trace. Returns true if its last line was incomplete and is left out.
+/// Reads a trace from a file, or from standard input if the name is `-`. Returns its name for sentences, the trace, and
+/// true if its last line was incomplete and is left out.
 ///
 /// # Errors
-/// One sentence that names the file: it is not a trace.
-pub(crate) fn trace(name: &str, bytes: &[u8]) -> Result<(Trace, bool), String> {
-    let (lines, is_cut) = whole_lines(bytes);
+/// One sentence that names the file: it cannot be read, or is not a trace.
+pub(crate) fn read_trace(file: &str) -> Result<(&str, Trace, bool), String> {
+    let mut bytes = Vec::new();
+    let name = if file == "-" { "standard input" } else { file };
+    let read = match file {
+        "-" => io::stdin().lock().read_to_end(&mut bytes),
+        file => File::open(file).and_then(|mut file| file.read_to_end(&mut bytes)),
+    };
+    read.map_err(|error| format!("{name}: {error}"))?;
+    let (lines, is_cut) = whole_lines(&bytes);
     let text = std::str::from_utf8(lines).map_err(|_| format!("{name} is not UTF-8 text"))?;
     let make = |kind: &str| catalog::make(kind).ok();
     let trace = Trace::parse(text, &make).map_err(|error| format!("{name}: {error}"))?;
-    Ok((trace, is_cut))
+    Ok((name, trace, is_cut))
 }

@@ -1,12 +1,11 @@
 //! `drivetwin plot`: draws a trace.
 
-use std::io::{self, Read as _};
 use std::path::Path;
 
 use drivetwin_sim::catalog;
 use drivetwin_sim::export::plot::{self, Options};
 
-use super::{print, trace};
+use super::{print, read_trace};
 use crate::args::Plot;
 use crate::{log, png};
 
@@ -24,14 +23,7 @@ pub(crate) fn plot(arguments: Plot) -> Result<(), String> {
     {
         return Err(format!("-o {}: the name must end in .svg or .png", path.display()));
     }
-    let (name, bytes) = if file == "-" {
-        let mut bytes = Vec::new();
-        io::stdin().lock().read_to_end(&mut bytes).map_err(|error| format!("standard input: {error}"))?;
-        ("standard input", bytes)
-    } else {
-        (file.as_str(), std::fs::read(&file).map_err(|error| format!("{file}: {error}"))?)
-    };
-    let (trace, is_cut) = trace(name, &bytes)?;
+    let (name, trace, is_cut) = read_trace(&file)?;
     if is_cut {
         log::write_line(format!("{name}: the last line is incomplete and is ignored\n").as_bytes());
     }

@@ -312,7 +312,7 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
 
 /// Part of the answer that the drive has sent, if it lost its power before the end.
 fn unsent(entry: &Entry) -> Option<String> {
-    let sent = entry.sent_of_answer?;
+    let sent = entry.sent_of_answer.filter(|_| !entry.answer().is_empty())?;
     Some(format!("power lost after {sent} of {} bytes of the reply", entry.answer().len()))
 }
 

@@ -231,6 +231,20 @@ fn lines_of_mcode() {
     }
     let named = message(b"R1 = R2 + 5").request(mdrive()).registers.pop().unwrap();
     assert_eq!((&*named.name, named.written), ("R2", false));
+    // The command S saves, as a write of the register S does.
+    assert_eq!((&*register(b"S\r").name, register(b"S\r").written), ("S", true));
+    // MC 3.3.1: texts and comments name no variable.
+    for (line, names) in [
+        (&b"PR \"P V A\"\r"[..], &[][..]),
+        (b"PR \"a\",P\r", &["P"]),
+        (b"A=500000 'V comment\r", &["A"]),
+        (b"PR A 'MR \"P\"\r", &["A"]),
+        (b"PR \"it's P\", V\r", &["V"]),
+    ] {
+        let registers = message(line).request(mdrive()).registers;
+        let found: Vec<&str> = registers.iter().map(|register| &*register.name).collect();
+        assert_eq!(found, names, "{}", line.escape_ascii());
+    }
 }
 
 #[test]

@@ -144,6 +144,21 @@ pub(super) fn response(spec: &Spec, bytes: &[u8], request: &mut Request) -> Opti
     Some(format!("{} = {value}", row.name))
 }
 
+/// The code of a line of MCode: without texts between quotes, and without the comment after an apostrophe (MC 3.3.1).
+fn code(line: &[u8]) -> String {
+    let line = String::from_utf8_lossy(line);
+    let mut code = String::new();
+    for part in line.split('"').step_by(2) {
+        let (before, comment) = part.split_once('\'').map_or((part, false), |(before, _)| (before, true));
+        code += before;
+        code.push(' ');
+        if comment {
+            break;
+        }
+    }
+    code
+}
+
 /// A line of MCode. Its registers are the variables that it names.
 pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
     if let Some((key, before)) = key_at_end(line) {
@@ -156,18 +171,20 @@ pub(super) fn line(spec: &Spec, line: &[u8]) -> Request {
         return Request { text: "a blank line".to_owned(), ..Request::default() };
     }
     let text = printable(&typed);
-    let words = text.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
+    let code = code(&typed);
+    let words = code.split(|c: char| !c.is_ascii_alphanumeric()).filter(|word| !word.is_empty());
     let words: Vec<&str> = words.collect();
     let counts =
         ["IC", "DC"].iter().any(|name| words.first().is_some_and(|word| word.eq_ignore_ascii_case(name)));
     let registers = words.iter().enumerate().filter_map(|(n, word)| {
         let word = word.to_ascii_uppercase();
         let row = spec.find(&word).filter(|named| named.word.is_none() && (n > 0 || !counts))?.row;
-        // `VM 1000` and `VM=1000` set the variable, `IC VM` and `DC VM` count it, `PR VM` and `A VM` only name it.
+        // `VM 1000` and `VM=1000` set the variable, `IC VM` and `DC VM` count it, `PR VM` and `A VM` only name it. `S`
+        // alone is the command that is a register of the bus.
         let number = words.get(1).and_then(|word| word.parse::<i64>().ok());
-        let negative = text.contains('-');
-        let written = n == usize::from(counts) && words.len() > 1;
-        let number = number.filter(|_| n == 0 && words.len() == 2 && !text.contains('.'));
+        let negative = code.contains('-');
+        let written = n == usize::from(counts);
+        let number = number.filter(|_| n == 0 && words.len() == 2 && !code.contains('.'));
         let value = number.map(|number| Value::Number(if negative { -number } else { number }));
         Some(Register { row, name: word, value, written })
     });

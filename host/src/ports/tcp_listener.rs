@@ -261,7 +261,7 @@ impl Listener {
     fn refuse(&mut self, peer: SocketAddr, why: ConnectError) {
         if !std::mem::replace(&mut self.is_refusing, true) {
             warn!(
-                "{peer} is refused at {}, like all further connections until there is room: {why}",
+                "{peer} is refused at {}, like all further connections until one is accepted: {why}",
                 self.uri()
             );
         }

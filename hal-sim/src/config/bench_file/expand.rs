@@ -240,8 +240,14 @@ impl Range {
         if behind.contains('{') {
             return Err(format!("'{text}' has more than one range"));
         }
-        if first > last || last - first >= MAX_COPIES {
-            return Err(format!("'{text}' takes 1 to {MAX_COPIES} numbers; write the lower one first"));
+        if first > last {
+            return Err(format!("'{text}' has no numbers; write the lower one first"));
+        }
+        if last - first >= MAX_COPIES {
+            return Err(format!(
+                "'{text}' has {} numbers; a range has at most {MAX_COPIES}",
+                (last - first).saturating_add(1)
+            ));
         }
         let (before, inside, behind) = (before.to_owned(), inside.to_owned(), behind.to_owned());
         Ok(Some(Self { before, inside, first, last, behind }))
@@ -508,11 +514,11 @@ mod tests {
             ),
             (
                 drive("").replace("'x'", "'x{1..10001}'"),
-                "line 2, column 8: 'x{1..10001}' takes 1 to 10000 numbers; write the lower one first",
+                "line 2, column 8: 'x{1..10001}' has 10001 numbers; a range has at most 10000",
             ),
             (
                 drive("").replace("'x'", "'x{2..1}'"),
-                "line 2, column 8: 'x{2..1}' takes 1 to 10000 numbers; write the lower one first",
+                "line 2, column 8: 'x{2..1}' has no numbers; write the lower one first",
             ),
             (
                 drive("nv = '{m}'").replace("'x'", "'x{1..2}'"),
@@ -528,7 +534,7 @@ mod tests {
             ),
             (
                 format!("{}\n[[wire]]\nfrom = 'x.J2.9'\nto = 'x{{3..1}}.J2.2'", drive("")),
-                "line 7, column 6: 'x{3..1}.J2.2' takes 1 to 10000 numbers; write the lower one first",
+                "line 7, column 6: 'x{3..1}.J2.2' has no numbers; write the lower one first",
             ),
             (
                 format!("{}\n[[wire]]\nfrom = 'x.J2.9'\nto = 'x{{1..3}}.J2.2'", drive("")),
