@@ -84,6 +84,12 @@ def test_what_has_no_history():
     bench = Bench()
     q, x = bench.add("qsb-d", name="q"), bench.add("md3", name="x")
     bench.run_until(20.0)
+    # A bench at rest has few samples.
+    assert len(bench.history(x, every=1e-6)) == 2
+    bench.run_until(30_000.0)
+    assert len(bench.history(x)) == 2
+    x.registers["MotionControl"] = 2
+    bench.advance(20.0)
     for act, error, sentence in [
         (lambda: bench.history(q), Error, "q moves nothing: qsb-d has no axis"),
         (lambda: bench.history("y"), UnknownName, None),
