@@ -98,7 +98,7 @@ fn assigned(register: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
 impl Bench {
     /// An empty bench. `seed` is that of every random choice; `line` is "timed", or "fast": characters take no time.
     #[new]
-    #[pyo3(signature = (*, seed = None, line = "timed"))]
+    #[pyo3(signature = (*, seed = None, line = "timed"), text_signature = "(*, seed=1, line='timed')")]
     fn new(seed: Option<&Bound<'_, PyAny>>, line: &str) -> PyResult<Self> {
         let seed = seed.map_or(Ok(1), |seed| whole("seed", seed))?;
         let line = bench_file::line_mode(line).map_err(|sentence| wrong(&sentence))?;
