@@ -47,8 +47,8 @@ fn kinds() -> Vec<&'static str> {
 
 /// Ends all runs that this process has begun; `drivetwin.run` lets the interpreter call it at its end.
 #[pyfunction]
-fn end_runs(py: Python<'_>) {
-    server::end_all(py);
+fn end_runs(py: Python<'_>) -> PyResult<()> {
+    server::end_all(py)
 }
 
 /// Panics, so that a test sees what becomes of a panic.

@@ -55,6 +55,15 @@ enum Ended {
     Failed(String),
 }
 
+impl From<Ended> for PyErr {
+    fn from(ended: Ended) -> Self {
+        match ended {
+            Ended::Panicked => panicked(),
+            Ended::Failed(sentence) => wrong(&sentence),
+        }
+    }
+}
+
 impl Slot {
     fn take(&self) -> Option<Run> {
         // A child after a fork has no such thread.
@@ -67,15 +76,13 @@ impl Slot {
     }
 }
 
-/// Ends all runs that this process has begun.
-pub(crate) fn end_all(py: Python<'_>) {
-    py.detach(|| {
+/// Ends all runs that this process has begun. Returns the error of the first one that did not end well.
+pub(crate) fn end_all(py: Python<'_>) -> PyResult<()> {
+    let ended: Vec<_> = py.detach(|| {
         let runs = std::mem::take(&mut *RUNS.lock().unwrap_or_else(PoisonError::into_inner));
-        for run in runs.iter().filter_map(Weak::upgrade) {
-            // Nobody hears an error when the interpreter ends.
-            let _ = run.end();
-        }
+        runs.iter().filter_map(Weak::upgrade).map(|run| run.end()).collect()
     });
+    ended.into_iter().collect::<Result<(), Ended>>().map_err(PyErr::from)
 }
 
 /// Addresses of a run that has begun, and its lender.
@@ -131,10 +138,7 @@ impl Server {
 
     /// Ends the run. Its files are then complete, and its ports are closed.
     pub(crate) fn stop(&self, py: Python<'_>) -> PyResult<()> {
-        py.detach(|| self.run.end()).map_err(|ended| match ended {
-            Ended::Panicked => panicked(),
-            Ended::Failed(sentence) => wrong(&sentence),
-        })
+        py.detach(|| self.run.end()).map_err(PyErr::from)
     }
 }
 

@@ -271,6 +271,37 @@ rack.advance(1.5)
     assert subprocess.run([COMMAND, "replay", record]).returncode == 0
 
 
+MEMORY = """
+import resource, sys, drivetwin
+from modbus import write
+
+def may_write(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+nv, kind, is_closed = sys.argv[1:]
+if kind == "run":
+    bench = drivetwin.run("md3", time="manual", fast_boot=True, nv=nv)
+else:
+    bench = drivetwin.Bench()
+    bench.add("md3", fast_boot=True, nv=nv)
+may_write(0)
+x = bench["md3"]
+assert x.ask(write(1, 0x1D, 1234)) and x.ask(write(1, 0x1A, 1))  # EEPROMControl: save
+bench.advance(1.0)
+if is_closed == "closed":
+    bench.close()
+"""
+
+
+@pytest.mark.parametrize(("kind", "is_closed"), [("run", "closed"), ("run", ""), ("bench", "closed")])
+def test_a_memory_that_cannot_be_saved_is_an_error(tmp_path, kind, is_closed):
+    command = [sys.executable, "-c", MEMORY, tmp_path / "x.nv", kind, is_closed]
+    done = subprocess.run(command, cwd=os.path.dirname(__file__), stderr=subprocess.PIPE, text=True)
+    sentence = f"drivetwin._errors.Error: {tmp_path}/x.nv does not keep what the drive stored: File too large (os error 27)"
+    assert done.stderr.splitlines()[-1] == sentence
+    assert done.returncode == (1 if is_closed else 0)
+
+
 def test_arguments_as_python_writes_them(tmp_path):
     program = tmp_path / "x.toml"
     program.write_text('[[drive]]\nname = "x"\nkind = "md3"\n')
