@@ -1,5 +1,7 @@
 """`Bench.plot`: what happened on a bench, as a matplotlib figure."""
 
+import textwrap
+
 from ._errors import Error
 
 # Widths and heights in inches.
@@ -7,6 +9,12 @@ _WIDTH, _LEFT, _RIGHT = 12.0, 1.75, 0.3
 _TOP, _BOTTOM, _HEADING, _GAP = 0.62, 0.5, 0.42, 0.14
 _HEIGHTS = {"position": 1.3, "speed": 0.95, "current": 0.75, "duty": 0.75, "volts": 0.65}
 _PIN, _MARKS, _ROW = 0.27, 0.3, 0.17
+_LINE, _LEGEND = 0.24, 0.32
+
+_TITLE = 80
+"""Characters of a line of the title; those of the widest of usual fonts fill the figure."""
+_BESIDE_LEGEND = 40
+"""Characters of a title that has the legend beside it."""
 
 _ROWS = 5
 """Rows of words of frames."""
@@ -44,9 +52,13 @@ def plot(bench, drives, start, end, title):
     outcomes = []
     for panel in bench._tracks(drives, start, end):
         rows += _rows(panel, span, outcomes)
-    height = _TOP + _BOTTOM + sum(row.height + _GAP for row in rows)
+    title = _lines("drivetwin" if title is None else title)
+    legend = _LEGEND if outcomes and (len(title) > 1 or len(title[0]) > _BESIDE_LEGEND) else 0.0
+    above = _TOP + _LINE * (len(title) - 1) + legend
+    height = above + _BOTTOM + sum(row.height + _GAP for row in rows)
     figure = Figure(figsize=(_WIDTH, height), facecolor="white")
-    top, axes = height - _TOP, None
+    top, axes = height - above, None
+    last = next((row for row in reversed(rows) if row.draw is not None), None)
     for row in rows:
         box = (_LEFT / _WIDTH, (top - row.height) / height, (_WIDTH - _LEFT - _RIGHT) / _WIDTH, row.height / height)
         if row.draw is None:
@@ -57,16 +69,25 @@ def plot(bench, drives, start, end, title):
             row.draw(axes)
             axes.set_xlim(*span)
         top -= row.height + _GAP
-    if axes is None:
-        figure.text(_LEFT / _WIDTH, (top - 0.2) / height if rows else 0.5, "nothing happened", color=_GREY, fontsize=9)
-    else:
+        if row is last:
+            # The labels of the time axis. Below are headings of drives without tracks.
+            top -= _BOTTOM
+    if not rows:
+        figure.text(_LEFT / _WIDTH, 0.5, "nothing happened", color=_GREY, fontsize=9)
+    if axes is not None:
         axes.tick_params(axis="x", labelbottom=True, labelsize=8, labelcolor=_INK)
         axes.set_xlabel("time in s", fontsize=9, color=_INK)
-    name = "drivetwin" if title is None else title
-    figure.text(0.2 / _WIDTH, 1 - 0.38 / height, name, fontsize=13, fontweight="bold", color=_INK)
+    for number, line in enumerate(title):
+        y = 1 - (0.38 + _LINE * number) / height
+        figure.text(0.2 / _WIDTH, y, line, fontsize=13, fontweight="bold", color=_INK)
     if outcomes:
-        _legend(figure, outcomes, height)
+        _legend(figure, outcomes, 1 - (0.12 + (above - _TOP)) / height)
     return figure
+
+
+def _lines(title):
+    """The lines of a title."""
+    return [line for part in title.splitlines() for line in textwrap.wrap(part, _TITLE)] or [""]
 
 
 class _Row:
@@ -78,8 +99,8 @@ class _Row:
 
 def _rows(panel, span, outcomes):
     """The parts of a drive: motion, frames, pins."""
-    rows = [_Row(_HEADING - _GAP, panel["name"], panel["product"], None)]
     tracks = panel["tracks"]
+    rows = [_Row(_HEADING - _GAP, panel["name"], panel["product"] + ("" if tracks else ": nothing happened"), None)]
     for track in tracks:
         kind = track["kind"]
         if kind in _CURVES:
@@ -166,6 +187,7 @@ class _Pins:
     def _draw(self, axes, edges, base):
         low, high, middle = base, base + 0.66, base + 0.33
         column = (self.span[1] - self.span[0]) * _COLUMN
+        edges = _joined(edges, column)
         ends = [at for at, _, _ in edges[1:]] + [self.span[1]]
         blocks, unknown, floating, line = [], [], [], ([], [])
 
@@ -196,6 +218,22 @@ class _Pins:
         axes.broken_barh(unknown, (low, 0.66), facecolor=_GRID, linewidth=0)
         for begin, end in floating:
             axes.plot([begin, end], [middle, middle], color=_MANY, linewidth=1.0, linestyle=(0, (3, 3)))
+
+
+def _joined(edges, column):
+    """Edges of which two that are nearer than a column are shown as many, also if a border of columns is between them."""
+    joined = edges[:1]
+    for at, many, state in edges[1:]:
+        # The first one is the level at the begin of the time axis.
+        if len(joined) > 1 and at - joined[-1][0] < column:
+            before, _, old = joined[-1]
+            if many:
+                joined[-1:] = [(before, True, old), (at, True, state)]
+            else:
+                joined[-1] = (before, True, state)
+        else:
+            joined.append((at, many, state))
+    return joined
 
 
 class _Frames:
@@ -270,7 +308,7 @@ class _Frames:
             axes.plot(places, [0.75] * len(places), sign, color=colour, markersize=5, markeredgewidth=1.4, zorder=3)
 
 
-def _legend(figure, outcomes, height):
+def _legend(figure, outcomes, top):
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -280,5 +318,5 @@ def _legend(figure, outcomes, height):
             handles.append(Line2D([], [], marker=sign, linestyle="", color=colour, markersize=5, label=mark))
     figure.legend(
         handles=handles, loc="upper right", ncols=len(handles), fontsize=8.5, frameon=False, labelcolor=_INK,
-        bbox_to_anchor=(1 - _RIGHT / _WIDTH + 0.008, 1 - 0.12 / height), handlelength=1.2, columnspacing=1.6,
+        bbox_to_anchor=(1 - _RIGHT / _WIDTH + 0.008, top), handlelength=1.2, columnspacing=1.6,
     )  # fmt: skip

@@ -1,6 +1,16 @@
 """A bench with ports, for masters that need them: `drivetwin run` in a thread of this process."""
 
-from ._native import Bench
+import atexit
+import os
+
+from ._native import Bench, end_runs
+
+_FLAGS = {"fast_boot", "strict"}
+_OF_THE_COMMAND = {"help", "json", "quiet", "verbose", "version"}
+"""Options of what the command prints."""
+
+# A bench that is not closed when the interpreter ends leaves whole files, and no pty.
+atexit.register(end_runs)
 
 
 def run(what, **options):
@@ -19,21 +29,37 @@ def run(what, **options):
 
 
 def _arguments(what, options):
-    arguments = [str(what)]
+    arguments = [_path(what, "run takes a kind or the path of a bench file")]
     for name, value in options.items():
         option = "--" + name.replace("_", "-")
-        if value is None or value is False:
+        if name in _OF_THE_COMMAND:
+            raise TypeError(f"run has no argument {name!r}: it prints nothing")
+        if value is None:
             continue
-        if value is True:
-            arguments.append(option)
+        if name in _FLAGS:
+            arguments += [option] if value else []
+        elif value is False and name == "control":
+            arguments.append(f"{option}=off")
+        elif isinstance(value, bool):
+            raise TypeError(f"{name} is no flag: it takes a value, not {value}")
         elif isinstance(value, dict):
             arguments += [f"{option}={register}={_text(of)}" for register, of in value.items()]
         elif isinstance(value, (list, tuple)):
-            arguments += [f"{option}={one}" for one in value]
+            arguments += [f"{option}={_text(one)}" for one in value]
         else:
-            arguments.append(f"{option}={value}")
+            arguments.append(f"{option}={_path(value, f'{name} takes a string')}")
     return arguments
 
 
+def _path(value, what):
+    """Text of an argument that may be a path."""
+    if value is None or isinstance(value, (bytes, bytearray)):
+        raise TypeError(f"{what}, not {value!r}")
+    return str(os.fspath(value) if isinstance(value, os.PathLike) else value)
+
+
 def _text(value):
-    return ",".join(map(str, value)) if isinstance(value, (list, tuple)) else str(value)
+    if isinstance(value, (list, tuple)):
+        return ",".join(map(_text, value))
+    # A flag in a register is 1 or 0.
+    return str(int(value) if isinstance(value, bool) else value)

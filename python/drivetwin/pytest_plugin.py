@@ -121,23 +121,27 @@ def _keep_artifacts(test, benches, folder):
                 continue
             base = os.path.join(folder, _file_name(test) + (f"-{number}" if number > 1 else ""))
             os.makedirs(folder, exist_ok=True)
-            for ending, content in [
-                (".trace", bench.trace().encode()),
-                (".vcd", bench.vcd()),
-                (".pcapng", bench.pcapng()),
-            ]:
-                with open(base + ending, "wb") as file:
-                    file.write(content)
+            _write(base + ".trace", bench.trace().encode())
             lines.append(f"the bench was at {at} s; replay: drivetwin replay {shlex.quote(base + '.trace')}")
+            _write(base + ".pcapng", bench.pcapng())
+            try:
+                _write(base + ".vcd", bench.vcd())
+            except drivetwin.Error as error:
+                lines.append(f"there is no {os.path.basename(base)}.vcd: {error}")
         except (drivetwin.Error, OSError) as error:
             lines.append(f"the recording of the bench cannot be kept: {error}")
     return lines
 
 
+def _write(path, content):
+    with open(path, "wb") as file:
+        file.write(content)
+
+
 def _file_name(test):
     """A file name for a test."""
     name = re.sub(r"[^A-Za-z0-9_.]+", "-", test).strip("-")
-    # Two tests of different names have different files.
-    if len(name) > _LONGEST_NAME or not test.isascii():
+    # Tests of different names have different files: what is not the plain name of a file and of a function has a hash.
+    if len(name) > _LONGEST_NAME or not re.fullmatch(r"([A-Za-z0-9_.]+/)*[A-Za-z0-9_.]+(::[A-Za-z0-9_.]+)+", test):
         name = f"{name[:_LONGEST_NAME]}-{hashlib.sha256(test.encode()).hexdigest()[:8]}"
     return name

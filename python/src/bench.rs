@@ -16,11 +16,12 @@ use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::export::plot::Options;
 use drivetwin_sim::record::trace::Retention;
 use drivetwin_sim::{catalog, commands, export};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyIterator, PyList, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyIterator, PyList, PyString, PyTuple};
 
 use crate::drive::Drive;
-use crate::errors::{Error, refused, wrong};
+use crate::errors::{Error, refused, whole, words, wrong};
 use crate::line::Line;
 use crate::recording::{self, PanelView};
 use crate::server::Server;
@@ -76,29 +77,30 @@ impl Bench {
 }
 
 /// A number as an argument.
-fn number(value: &Bound<'_, PyAny>) -> PyResult<Number> {
-    let Ok(text) = value.extract::<String>() else { return Ok(Number::Decimal(value.extract()?)) };
+fn number(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Number> {
+    let Ok(text) = value.extract::<String>() else { return Ok(Number::Decimal(whole(name, value)?)) };
     Number::parse(&text)
         .ok_or_else(|| Error::new_err(format!("'{text}' is not a number; 8000, -5 and 0x1F40 are")))
 }
 
 /// A register's value as text, as the option `--set` takes it.
-fn assigned(value: &Bound<'_, PyAny>) -> PyResult<String> {
+fn assigned(register: &str, value: &Bound<'_, PyAny>) -> PyResult<String> {
     if let Ok(text) = value.extract::<String>() {
         return Ok(text);
     }
-    if let Ok(words) = value.extract::<Vec<i64>>() {
+    if let Some(words) = words(register, value)? {
         return Ok(words.iter().map(ToString::to_string).collect::<Vec<_>>().join(","));
     }
-    Ok(value.extract::<i64>()?.to_string())
+    Ok(whole::<i64>(register, value)?.to_string())
 }
 
 #[pymethods]
 impl Bench {
     /// An empty bench. `seed` is that of every random choice; `line` is "timed", or "fast": characters take no time.
     #[new]
-    #[pyo3(signature = (*, seed = 1, line = "timed"))]
-    fn new(seed: u64, line: &str) -> PyResult<Self> {
+    #[pyo3(signature = (*, seed = None, line = "timed"), text_signature = "(*, seed=1, line='timed')")]
+    fn new(seed: Option<&Bound<'_, PyAny>>, line: &str) -> PyResult<Self> {
+        let seed = seed.map_or(Ok(1), |seed| whole("seed", seed))?;
         let line = bench_file::line_mode(line).map_err(|sentence| wrong(&sentence))?;
         let settings = keeping_more(Settings { seed, line, ..Settings::default() });
         let bench = bench::Bench::with(settings);
@@ -179,9 +181,10 @@ impl Bench {
         let name = name.unwrap_or(kind);
         let mut options =
             RunOptions { what: kind.to_owned(), fast_boot, nv, program, ..RunOptions::default() };
-        options.address = address.map(number).transpose()?;
+        options.address = address.map(|value| number("address", value)).transpose()?;
         for (register, value) in set.into_iter().flat_map(|set| set.iter()) {
-            let (register, value) = (register.extract::<String>()?, assigned(&value)?);
+            let register = register.extract::<String>()?;
+            let value = assigned(&format!("set: {register}"), &value)?;
             Preset::typed(spec, &register, &value).map_err(|sentence| wrong(&format!("set: {sentence}")))?;
             options.set.push(Assignment { register, value });
         }
@@ -275,7 +278,10 @@ impl Bench {
         self.check_no_ports("bus")?;
         let table = copy(py, keys)?;
         table.set_item("name", name)?;
-        let names = drives.try_iter()?.map(|drive| drive_name(&drive?));
+        if drives.is_instance_of::<PyString>() {
+            return Err(PyTypeError::new_err("bus takes a list of drives or names, not a string"));
+        }
+        let names = drives.try_iter()?.map(|drive| self.drive_name(&drive?));
         table.set_item("drives", names.collect::<PyResult<Vec<String>>>()?)?;
         self.add_table(py, "bus", &table)?;
         self.line(py, name)
@@ -293,7 +299,7 @@ impl Bench {
     ) -> PyResult<Motor> {
         let name = name.map_or_else(|| self.free_motor_name(py), Ok)?;
         let table = copy(py, keys)?;
-        let drive = drive_name(drive)?;
+        let drive = self.drive_name(drive)?;
         table.set_item("name", &name)?;
         table.set_item("drive", &drive)?;
         if let Some(kind) = self.kind_with_own_motor(py, &drive)? {
@@ -376,7 +382,7 @@ impl Bench {
         drive: &Bound<'_, PyAny>,
         every: f64,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let drive = self.__getitem__(py, &drive_name(drive)?)?;
+        let drive = self.__getitem__(py, &self.drive_name(drive)?)?;
         if drive.spec.axes.is_empty() {
             return Err(Error::new_err(format!(
                 "{} moves nothing: {} has no axis",
@@ -413,7 +419,8 @@ impl Bench {
         end: Option<f64>,
         title: Option<&str>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        let names = drives.iter().map(|drive| drive_name(&drive)).collect::<PyResult<Vec<String>>>()?;
+        let names =
+            drives.iter().map(|drive| slf.get().drive_name(&drive)).collect::<PyResult<Vec<String>>>()?;
         slf.py().import("drivetwin._plot")?.call_method1("plot", (slf, names, start, end, title))
     }
 
@@ -429,8 +436,8 @@ impl Bench {
             seconds.map(|seconds| span(name, seconds)).transpose()?;
         }
         let options = Options { drives, from: start, to: end, ..Options::default() };
-        let panels = self.shared.with_detached(py, |open| recording::panels(open.bench, &options))?;
-        panels.map_err(|sentence| wrong(&sentence))
+        let trace = self.shared.with_detached(py, |open| recording::copy(open.bench))?;
+        recording::panels(py, &trace, &options)
     }
 
     /// The recording so far, as text for `drivetwin replay`.
@@ -438,13 +445,11 @@ impl Bench {
         self.shared.with_detached(py, |open| open.bench.trace().to_text())
     }
 
-    /// The waveforms of pins, motion and messages so far (VCD, for GTKWave).
+    /// The waveforms of pins, motion and messages so far (VCD, for GTKWave), at most 256 MiB of them: a minute of fast step
+    /// pulses.
     fn vcd<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = self.shared.with_detached(py, |open| {
-            let mut bytes = Vec::new();
-            export::vcd::write(open.bench.trace(), &mut bytes).map(|()| bytes)
-        })?;
-        Ok(PyBytes::new(py, &bytes?))
+        let trace = self.shared.with_detached(py, |open| open.bench.trace().clone())?;
+        Ok(PyBytes::new(py, &recording::vcd(py, &trace)?))
     }
 
     /// All frames on the bench's lines and TCP ports up to now (pcapng, for Wireshark).
@@ -486,12 +491,25 @@ impl Bench {
     }
 
     fn __repr__(&self, py: Python<'_>) -> PyResult<String> {
+        if self.shared.is_closed(py)? {
+            return Ok("<Bench, closed>".to_owned());
+        }
         let (now, drives) = self.shared.with(py, |open| (open.bench.now(), open.bench.drives().len()))?;
         Ok(format!("<Bench at {} s with {drives} drives>", seconds(now)))
     }
 }
 
 impl Bench {
+    /// The name of a drive of this bench that is given as itself or by its name.
+    fn drive_name(&self, drive: &Bound<'_, PyAny>) -> PyResult<String> {
+        let Ok(drive) = drive.cast::<Drive>() else { return drive.extract() };
+        let drive = drive.get();
+        if !Arc::ptr_eq(&drive.shared, &self.shared) {
+            return Err(Error::new_err(format!("{} is a drive of another bench", drive.name)));
+        }
+        Ok(drive.name.clone())
+    }
+
     /// A name for a motor that has none: "m", "m2" and so on.
     fn free_motor_name(&self, py: Python<'_>) -> PyResult<String> {
         let is_free = |name: &String| self.shared.with(py, |open| !open.bench.is_taken(name));
@@ -511,14 +529,6 @@ impl Bench {
             let spec = open.bench.spec(open.bench.find_drive(drive)?);
             has_own_motor(spec).then_some(spec.kind)
         })
-    }
-}
-
-/// The name of a drive that is given as itself or by its name.
-fn drive_name(drive: &Bound<'_, PyAny>) -> PyResult<String> {
-    match drive.cast::<Drive>() {
-        Ok(drive) => Ok(drive.get().name.clone()),
-        Err(_) => Ok(drive.extract()?),
     }
 }
 

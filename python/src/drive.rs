@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::errors::{Error, UnknownName, refused, wrong};
+use crate::errors::{Error, UnknownName, refused, whole, wrong};
 use crate::line::{Line, Port};
 use crate::named::{Pins, Registers, is_light};
 use crate::recording;
@@ -199,6 +199,13 @@ impl Drive {
                 self.name
             ))
         })?;
+        if pulses.len() > recording::MOST {
+            return Err(Error::new_err(format!(
+                "{} has made more than {} pulses since its last power-on; bench.history has the motion",
+                self.name,
+                recording::MOST
+            )));
+        }
         recording::rows(py, pulses, vec![("at", "=f8"), ("step", "i1")], |(at, step), bytes| {
             bytes.extend(at.to_ne_bytes());
             bytes.extend(step.to_ne_bytes());
@@ -207,7 +214,8 @@ impl Drive {
 
     /// Turns the encoder at the inputs A and B by `counts` edges, four per cycle, `hz` of them per second of bench time
     /// (0.000001 to 16,000,000); backwards if `counts` is negative. The edges come while time advances.
-    fn encoder(&self, py: Python<'_>, counts: i64, hz: f64) -> PyResult<()> {
+    fn encoder(&self, py: Python<'_>, counts: &Bound<'_, PyAny>, hz: f64) -> PyResult<()> {
+        let counts = whole("counts", counts)?;
         let begun = self.shared.with(py, |open| commands::encoder(open.bench, self.id, counts, hz))?;
         begun.map_err(refused)
     }
@@ -215,7 +223,8 @@ impl Drive {
     /// Sends a train of `count` pulses into an input pin, `hz` of them per second of bench time (0.000001 to 8,000,000).
     /// `duty` is the part of its period for which a pulse lasts.
     #[pyo3(signature = (pin, count, hz, duty = 0.5))]
-    fn pulse(&self, py: Python<'_>, pin: &str, count: u32, hz: f64, duty: f64) -> PyResult<()> {
+    fn pulse(&self, py: Python<'_>, pin: &str, count: &Bound<'_, PyAny>, hz: f64, duty: f64) -> PyResult<()> {
+        let count = whole("count", count)?;
         let begun =
             self.shared.with(py, |open| commands::pulse_pin(open.bench, self.id, pin, count, hz, duty))?;
         begun.map_err(refused)
@@ -276,10 +285,11 @@ impl Drive {
         &self,
         py: Python<'_>,
         since: f64,
-        function: Option<u8>,
+        function: Option<&Bound<'_, PyAny>>,
         register: Option<&str>,
     ) -> PyResult<Vec<Request>> {
         let since = Instant::ZERO + span("since", since)?;
+        let function = function.map(|function| whole("function", function)).transpose()?;
         let register =
             register.map(|name| commands::register(self.spec, name)).transpose().map_err(refused)?;
         let mut received = self.shared.with(py, |open| open.bench.received(self.id))?.since(since);

@@ -45,6 +45,12 @@ fn kinds() -> Vec<&'static str> {
     drivetwin_sim::catalog::specs().map(|spec| spec.kind).collect()
 }
 
+/// Ends all runs that this process has begun; `drivetwin.run` lets the interpreter call it at its end.
+#[pyfunction]
+fn end_runs(py: Python<'_>) -> PyResult<()> {
+    server::end_all(py)
+}
+
 /// Panics, so that a test sees what becomes of a panic.
 #[pyfunction]
 fn panic_for_test(bench: &shared::Bench, py: Python<'_>) -> PyResult<()> {
@@ -57,6 +63,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add_function(wrap_pyfunction!(command, module)?)?;
     module.add_function(wrap_pyfunction!(kinds, module)?)?;
+    module.add_function(wrap_pyfunction!(end_runs, module)?)?;
     module.add_function(wrap_pyfunction!(panic_for_test, module)?)?;
     module.add_class::<shared::Bench>()?;
     module.add_class::<drive::Drive>()?;

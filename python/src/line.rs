@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::pybacked::PyBackedBytes;
 use pyo3::types::{PyBytes, PyDict};
 
-use crate::errors::{Error, wrong};
+use crate::errors::{Error, whole, wrong};
 use crate::shared::{Shared, span};
 use crate::tables;
 
@@ -164,12 +164,18 @@ impl Port {
     fn configure(
         &self,
         py: Python<'_>,
-        baud: Option<u32>,
-        data: Option<u8>,
+        baud: Option<&Bound<'_, PyAny>>,
+        data: Option<&Bound<'_, PyAny>>,
         parity: Option<&str>,
-        stop: Option<u8>,
+        stop: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<()> {
         self.check()?;
+        let baud = baud.map(|baud| whole::<u32>("baud", baud)).transpose()?;
+        let data = data.map(|data| whole::<u8>("data", data)).transpose()?;
+        let stop = stop.map(|stop| whole::<u8>("stop", stop)).transpose()?;
+        if baud == Some(0) {
+            return Err(Error::new_err("baud takes a number from 1, not 0"));
+        }
         let parity = match parity {
             None => PortParity::Unknown,
             Some("N") => PortParity::Known(Parity::None),

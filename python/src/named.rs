@@ -10,7 +10,7 @@ use drivetwin_sim::config::preset::Number;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyIterator, PyList};
 
-use crate::errors::{Error, refused};
+use crate::errors::{Error, refused, whole, words};
 use crate::shared::Shared;
 use crate::views::RegisterValue;
 
@@ -56,10 +56,10 @@ impl Registers {
     fn __setitem__(&self, py: Python<'_>, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
         let value = if let Ok(text) = value.extract::<String>() {
             NewValue::Typed(text)
-        } else if let Ok(words) = value.extract::<Vec<i64>>() {
+        } else if let Some(words) = words(name, value)? {
             NewValue::Number(Number::Words(words))
         } else {
-            NewValue::Number(Number::Decimal(value.extract::<i64>()?))
+            NewValue::Number(Number::Decimal(whole(name, value)?))
         };
         let set = self.shared.with(py, |open| commands::preset(open.bench, self.id, name, &value))?;
         set.map_err(refused)

@@ -1,9 +1,13 @@
 //! Contents of the recording of a bench: pulses, motion over time, tracks of a picture.
 
+use std::io::{self, Write};
+
 use drivetwin_firmware::device::{Axis, Duration, Instant};
 use drivetwin_sim::bench::{Bench, DriveId};
 use drivetwin_sim::decode::Mark;
+use drivetwin_sim::export;
 use drivetwin_sim::export::plot::{self, Edge, Exchange, Options, Panel, Shape, Words, exchanges};
+use drivetwin_sim::record::trace::Trace;
 use drivetwin_sim::signals::history;
 use drivetwin_sim::signals::motion::Motion;
 use drivetwin_sim::signals::pulses::Pulse;
@@ -11,10 +15,17 @@ use drivetwin_sim::signals::waveforms::{Kind, Track, Variable};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
+use crate::errors::{Error, wrong};
 use crate::shared::seconds;
 
-/// Greatest number of samples of a history.
-pub(crate) const MOST: u64 = 10_000_000;
+/// Greatest number of samples of a history, and of pulses.
+pub(crate) const MOST: usize = 10_000_000;
+
+/// Greatest number of bytes of waveforms: a minute of fast step pulses.
+const MOST_WAVEFORMS: usize = 256 << 20;
+
+/// Number of instants of a picture between two looks for Ctrl-C.
+const INSTANTS: u32 = 1 << 16;
 
 /// A pulse: time in s, and +1 forward or -1 backward.
 pub(crate) type PulseRow = (f64, i8);
@@ -22,21 +33,18 @@ pub(crate) type PulseRow = (f64, i8);
 /// A sample of a motion: time in s, position in steps or counts, speed per second.
 pub(crate) type MotionRow = (f64, i32, f64);
 
-/// The pulses of a drive since its last power-on; `None` if the recording does not have them all.
+/// The pulses of a drive since its last power-on, at most one more than [`MOST`]; `None` if the recording does not have
+/// them all.
 pub(crate) fn pulses(bench: &Bench, drive: DriveId) -> Option<Vec<PulseRow>> {
     let row = |pulse: Pulse| (seconds(pulse.rise), if pulse.forward { 1 } else { -1 });
-    Some(bench.pulses_since_power_on(drive.step())?.map(row).collect())
+    Some(bench.pulses_since_power_on(drive.step())?.map(row).take(MOST + 1).collect())
 }
 
 /// The motion of a drive's first axis over time, with a sample each `every` while it moves; `None` if there were too many.
 pub(crate) fn motion(bench: &Bench, drive: DriveId, every: Duration) -> Option<Vec<MotionRow>> {
     let (now, trace) = (bench.now(), bench.trace());
     let index = trace.drives.iter().position(|of| of.name == bench.name(drive))?;
-    let begins = trace.drives.get(index).map_or(Instant::ZERO, |of| of.from);
-    if now.since(begins).ticks() / every.ticks().max(1) > MOST {
-        return None;
-    }
-    let samples = history::history(trace, index, Axis(0), now, every);
+    let samples = history::history(trace, index, Axis(0), now, every, MOST)?;
     let row = |(at, is): &(Instant, Motion)| (seconds(*at), is.position, is.speed.to_num());
     let mut rows: Vec<MotionRow> = samples.iter().map(row).collect();
     rows.dedup();
@@ -49,14 +57,18 @@ pub(crate) fn rows<'py, Row>(
     py: Python<'py>,
     rows: Vec<Row>,
     fields: Vec<(&str, &str)>,
-    bytes: impl Fn(&Row, &mut Vec<u8>),
+    bytes: impl Fn(&Row, &mut Vec<u8>) + Sync,
 ) -> PyResult<Bound<'py, PyAny>>
 where
+    Row: Sync,
     Vec<Row>: IntoPyObject<'py, Target = PyAny, Output = Bound<'py, PyAny>, Error = PyErr>,
 {
     let Ok(numpy) = py.import("numpy") else { return rows.into_pyobject(py) };
-    let mut all = Vec::new();
-    rows.iter().for_each(|row| bytes(row, &mut all));
+    let all = py.detach(|| {
+        let mut all = Vec::new();
+        rows.iter().for_each(|row| bytes(row, &mut all));
+        all
+    });
     let array = numpy.call_method1("frombuffer", (PyBytes::new(py, &all), fields))?;
     array.call_method0("copy")
 }
@@ -89,17 +101,69 @@ pub(crate) struct PanelView {
     tracks: Vec<TrackView>,
 }
 
-/// The tracks of drives, from and to a time in s.
-pub(crate) fn panels(bench: &Bench, options: &Options) -> Result<Vec<PanelView>, String> {
+/// A copy of the recording of a bench, with the outcomes of messages. Calls that take long work on a copy, so that the bench
+/// is free and Ctrl-C interrupts.
+pub(crate) fn copy(bench: &Bench) -> Trace {
     let mut trace = bench.trace().clone();
     trace.add_outcomes(bench.outcomes());
+    trace
+}
+
+/// The waveforms in a trace as a VCD file.
+pub(crate) fn vcd(py: Python<'_>, trace: &Trace) -> PyResult<Vec<u8>> {
+    let mut file = Waveforms(Vec::new());
+    py.detach(|| export::vcd::write(trace, &mut file))?;
+    Ok(file.0)
+}
+
+/// A VCD file in memory.
+struct Waveforms(Vec<u8>);
+
+impl Write for Waveforms {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        Python::attach(|py| py.check_signals())?;
+        if self.0.len() + bytes.len() > MOST_WAVEFORMS {
+            let most = MOST_WAVEFORMS >> 20;
+            return Err(Error::new_err(format!(
+                "the waveforms have more than {most} MiB; bench.plot(start=, end=) shows a part of the time"
+            ))
+            .into());
+        }
+        self.0.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// The tracks of drives in a trace, from and to a time in s.
+pub(crate) fn panels(py: Python<'_>, trace: &Trace, options: &Options) -> PyResult<Vec<PanelView>> {
+    let (mut instants, mut interrupted) = (0_u32, None);
+    let panels = py.detach(|| {
+        plot::panels(trace, options, || {
+            instants = instants.wrapping_add(1);
+            if instants.is_multiple_of(INSTANTS)
+                && let Err(raised) = Python::attach(|py| py.check_signals())
+            {
+                interrupted = Some(raised);
+                return Err(io::ErrorKind::Interrupted.into());
+            }
+            Ok(())
+        })
+    });
+    if let Some(raised) = interrupted {
+        return Err(raised);
+    }
     let view = |panel: Panel| PanelView {
         name: panel.name,
         product: panel.spec.product,
         unit: if panel.turns_motor { "counts" } else { "steps" },
         tracks: tracks(panel.tracks),
     };
-    Ok(plot::panels(&trace, options)?.into_iter().map(view).collect())
+    let panels = panels.map_err(|sentence| wrong(&sentence))?;
+    Ok(panels.into_iter().map(view).collect())
 }
 
 /// The tracks that have something to show. The messages of a port and its answers are one track.

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::ffi::OsString;
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;
-use std::sync::{Mutex, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, PoisonError, Weak, mpsc};
 use std::thread::JoinHandle;
 
 use drivetwin_host::options::RunOptions;
@@ -19,10 +19,18 @@ pub(crate) struct Server {
     control: Option<String>,
     /// URIs of each drive and port.
     uris: Uris,
+    run: Arc<Slot>,
+}
+
+/// Place of a run, and the process that has its thread.
+struct Slot {
     /// `None` when the run is ended.
     run: Mutex<Option<Run>>,
     process: u32,
 }
+
+/// Runs that may not be ended yet.
+static RUNS: Mutex<Vec<Weak<Slot>>> = Mutex::new(Vec::new());
 
 /// A run that is not ended.
 struct Run {
@@ -33,18 +41,48 @@ struct Run {
 }
 
 impl Run {
-    fn end(&mut self) {
+    /// Ends the run, and waits until its files are complete and its ports closed.
+    fn end(mut self) -> Result<(), Ended> {
         // A run that has ended by itself hears nothing.
         let _ = self.stop.write_all(b"x");
+        self.thread.join().map_err(|_| Ended::Panicked)?.map_err(Ended::Failed)
     }
 }
 
-impl Server {
-    fn take_run(&self) -> Option<Run> {
+/// Reason why a run did not end well.
+enum Ended {
+    Panicked,
+    Failed(String),
+}
+
+impl From<Ended> for PyErr {
+    fn from(ended: Ended) -> Self {
+        match ended {
+            Ended::Panicked => panicked(),
+            Ended::Failed(sentence) => wrong(&sentence),
+        }
+    }
+}
+
+impl Slot {
+    fn take(&self) -> Option<Run> {
         // A child after a fork has no such thread.
         let is_own = self.process == std::process::id();
         is_own.then(|| self.run.lock().unwrap_or_else(PoisonError::into_inner).take()).flatten()
     }
+
+    fn end(&self) -> Result<(), Ended> {
+        self.take().map_or(Ok(()), Run::end)
+    }
+}
+
+/// Ends all runs that this process has begun. Returns the error of the first one that did not end well.
+pub(crate) fn end_all(py: Python<'_>) -> PyResult<()> {
+    let ended: Vec<_> = py.detach(|| {
+        let runs = std::mem::take(&mut *RUNS.lock().unwrap_or_else(PoisonError::into_inner));
+        runs.iter().filter_map(Weak::upgrade).map(|run| run.end()).collect()
+    });
+    ended.into_iter().collect::<Result<(), Ended>>().map_err(PyErr::from)
 }
 
 /// Addresses of a run that has begun, and its lender.
@@ -75,12 +113,16 @@ impl Server {
         let begun = py.detach(move || begun.recv()).map_err(|_| panicked())?;
         let Begun { lender, control, uris } = begun.map_err(|sentence| wrong(&sentence))?;
         let run = Mutex::new(Some(Run { thread, lender, stop }));
-        Ok(Self { control, uris, run, process: std::process::id() })
+        let run = Arc::new(Slot { run, process: std::process::id() });
+        let mut runs = RUNS.lock().unwrap_or_else(PoisonError::into_inner);
+        runs.retain(|run| run.strong_count() > 0);
+        runs.push(Arc::downgrade(&run));
+        Ok(Self { control, uris, run })
     }
 
     /// Lends the bench of the run; `None` if the run is ended.
     pub(crate) fn lender(&self) -> Option<Lender> {
-        let run = self.run.lock().unwrap_or_else(PoisonError::into_inner);
+        let run = self.run.run.lock().unwrap_or_else(PoisonError::into_inner);
         run.as_ref().map(|run| run.lender.clone())
     }
 
@@ -96,13 +138,7 @@ impl Server {
 
     /// Ends the run. Its files are then complete, and its ports are closed.
     pub(crate) fn stop(&self, py: Python<'_>) -> PyResult<()> {
-        let Some(mut run) = self.take_run() else { return Ok(()) };
-        let ended = py.detach(|| {
-            run.end();
-            run.thread.join()
-        });
-        let ended = ended.map_err(|_| panicked())?;
-        ended.map_err(|sentence| wrong(&sentence))
+        py.detach(|| self.run.end()).map_err(PyErr::from)
     }
 }
 
@@ -129,9 +165,9 @@ fn panicked() -> PyErr {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // Its thread ends without being waited for.
-        if let Some(mut run) = self.take_run() {
-            run.end();
-        }
+        // Nobody hears an error. The thread of the run needs nothing of Python, so it ends also if this one cannot let go
+        // of the interpreter.
+        let _ = Python::try_attach(|py| self.stop(py));
+        let _ = self.run.end();
     }
 }

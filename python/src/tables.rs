@@ -9,11 +9,16 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyList, PyString, PyTuple};
 
+use crate::errors::Error;
+
+/// Greatest depth of dicts and lists in a value. No table of a bench file is as deep; a list that holds itself has no end.
+const DEEPEST: usize = 32;
+
 /// Text of a table `[[name]]` with these keys. A key whose value is `None` is left out.
 pub(crate) fn table(name: &str, keys: &Bound<'_, PyDict>) -> PyResult<String> {
     let mut text = format!("[[{name}]]\n");
     for (key, is) in keys.iter().filter(|(_, is)| !is.is_none()) {
-        let _ = writeln!(text, "{} = {}", string(&key.extract::<String>()?), value(&is)?);
+        let _ = writeln!(text, "{} = {}", string(&key.extract::<String>()?), value(&is, 0)?);
     }
     Ok(text)
 }
@@ -36,8 +41,13 @@ pub(crate) fn play(bench: &mut Bench, text: &str) -> Result<(), String> {
     bench.play_all(scenarios)
 }
 
-/// A value in TOML.
-fn value(is: &Bound<'_, PyAny>) -> PyResult<String> {
+/// A value in TOML, inside `depth` dicts and lists.
+fn value(is: &Bound<'_, PyAny>, depth: usize) -> PyResult<String> {
+    if depth > DEEPEST {
+        return Err(Error::new_err(format!(
+            "a value is too deep: it has more than {DEEPEST} dicts and lists inside each other"
+        )));
+    }
     if let Ok(flag) = is.cast::<PyBool>() {
         return Ok(flag.is_true().to_string());
     }
@@ -47,12 +57,12 @@ fn value(is: &Bound<'_, PyAny>) -> PyResult<String> {
     if let Ok(keys) = is.cast::<PyDict>() {
         let mut parts = Vec::new();
         for (key, is) in keys.iter() {
-            parts.push(format!("{} = {}", string(&key.extract::<String>()?), value(&is)?));
+            parts.push(format!("{} = {}", string(&key.extract::<String>()?), value(&is, depth + 1)?));
         }
         return Ok(format!("{{ {} }}", parts.join(", ")));
     }
     if is.is_instance_of::<PyList>() || is.is_instance_of::<PyTuple>() {
-        let parts = is.try_iter()?.map(|part| value(&part?)).collect::<PyResult<Vec<_>>>()?;
+        let parts = is.try_iter()?.map(|part| value(&part?, depth + 1)).collect::<PyResult<Vec<_>>>()?;
         return Ok(format!("[{}]", parts.join(", ")));
     }
     if let Ok(whole) = is.extract::<i64>() {

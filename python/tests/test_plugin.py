@@ -93,6 +93,50 @@ def test_long_and_strange_names_are_file_names(pytester):
     assert len(list((pytester.path / "kept").iterdir())) == 12
 
 
+def test_different_tests_have_different_files(pytester):
+    pytester.makepyfile(
+        test_it="""
+        import pytest
+
+        @pytest.mark.parametrize("it", ["1", "-1", "a/b", "a-b", "2"], ids=lambda it: it)
+        def test_c(twin, it):
+            twin("md3")
+            assert False
+
+        class TestIt:
+            def test_c(self, twin):
+                twin("md3")
+                twin.new_bench().add("md3")
+                assert False
+        """
+    )
+    pytester.runpytest_subprocess("--drivetwin-artifacts", "kept").assert_outcomes(failed=6)
+    traces = {file.name for file in (pytester.path / "kept").glob("*.trace")}
+    assert len(traces) == 7
+    plain = {"test_it.py-TestIt-test_c.trace", "test_it.py-TestIt-test_c-2.trace"}
+    hashed = [re.fullmatch(r"test_it\.py-test_c-(1|a-b|2)--?[0-9a-f]{8}\.trace", name) for name in traces - plain]
+    assert len(hashed) == 5 and all(hashed)
+
+
+def test_waveforms_that_are_too_long_are_left_out(pytester):
+    pytester.makepyfile(
+        test_it="""
+        def test_that_fails(twin):
+            x = twin("md3", fast_boot=True, set={"Speed": 40_000})
+            x.registers["MotionControl"] = 2  # jog forward
+            x.bench.advance(100_000)
+            assert False
+        """
+    )
+    result = pytester.runpytest_subprocess("--drivetwin-artifacts", "kept")
+    result.assert_outcomes(failed=1)
+    base = "test_it.py-test_that_fails"
+    assert {file.name for file in (pytester.path / "kept").iterdir()} == {base + ".trace", base + ".pcapng"}
+    result.stdout.fnmatch_lines(
+        ["the bench was at 100000.* s; replay: *", f"there is no {base}.vcd: the waveforms have more than 256 MiB; *"]
+    )
+
+
 def test_a_bench_with_ports_ends_with_its_test(pytester):
     pytester.makepyfile(
         """

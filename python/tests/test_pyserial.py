@@ -1,7 +1,9 @@
 """The pyserial URL `drivetwin://`, with unmodified masters above it."""
 
+import sys
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import serial
@@ -125,6 +127,26 @@ def test_a_drive_of_a_bench_has_a_url(twin):
     port.close()
 
 
+def test_threads_make_urls_at_the_same_time():
+    def urls(_):
+        made = []
+        for _ in range(100):
+            with drivetwin.Bench() as bench:
+                x = bench.add("md3")
+                made.append(x.url())
+                assert x.url() == made[-1]
+        return made
+
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(8) as pool:
+            made = [url for of_one in pool.map(urls, range(8)) for url in of_one]
+    finally:
+        sys.setswitchinterval(usual)
+    assert len(set(made)) == len(made) == 800
+
+
 def test_ports_of_a_bench_file_are_on_one_bench(tmp_path):
     file = tmp_path / "bench.toml"
     file.write_text("".join(f'[[drive]]\nname = "{name}"\nkind = "md3"\nfast_boot = true\n' for name in "xy"))
@@ -167,6 +189,8 @@ def test_a_read_in_real_time_can_be_cancelled():
         ("drivetwin://md3?port=rs458", "there is no port 'rs458'; the nearest is 'rs485'"),
         ("drivetwin://md3?time=soon", "time takes real, xN (N from 1 to 1000) or manual, not 'soon'"),
         ("drivetwin://md3?fast_boot=perhaps", "fast_boot takes 1 or 0, not 'perhaps'"),
+        ("drivetwin://md3?seed=abc", "seed takes a whole number from 0, not 'abc'"),
+        ("drivetwin://md3?seed=-1", "seed takes a whole number from 0, not '-1'"),
         ("drivetwin://md3?line=slow", "line takes timed or fast, not 'slow'"),
         ("drivetwin://?shared=77", "drivetwin://?shared=77 is of a bench that is not in this process, or is closed"),
     ],

@@ -4,6 +4,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 
@@ -239,6 +240,88 @@ def test_what_is_wrong_is_one_sentence():
         rack.now
     assert rack.closed
     rack.close()
+
+
+@pytest.mark.parametrize(
+    "end",
+    [
+        "",
+        "raise ValueError('a test asked for this')",
+        "del rack; print(os.path.lexists(link), open(record).read().count('end'))",
+        "x = rack['md3']; del rack",
+        "if os.fork() == 0: sys.exit()\nos.wait(); rack.now",
+    ],
+)
+def test_a_run_that_is_not_closed_ends_with_the_interpreter(tmp_path, end):
+    link, record = tmp_path / "md3.tty", tmp_path / "x.trace"
+    program = f"""
+import os, sys, drivetwin
+link, record = {str(link)!r}, {str(record)!r}
+rack = drivetwin.run("md3", time="manual", listen="pty:" + link, record=record)
+assert os.path.lexists(link)
+rack.advance(1.5)
+{end}
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    last = done.stderr.splitlines()[-1:]
+    assert last == (["ValueError: a test asked for this"] if end.startswith("raise") else [])
+    assert done.stdout == ("False 1\n" if end.startswith("del") else "")
+    assert not os.path.lexists(link)
+    assert record.read_text().endswith("1500.000000 end\n")
+    assert subprocess.run([COMMAND, "replay", record]).returncode == 0
+
+
+MEMORY = """
+import resource, sys, drivetwin
+from modbus import write
+
+def may_write(size):
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+nv, kind, is_closed = sys.argv[1:]
+if kind == "run":
+    bench = drivetwin.run("md3", time="manual", fast_boot=True, nv=nv)
+else:
+    bench = drivetwin.Bench()
+    bench.add("md3", fast_boot=True, nv=nv)
+may_write(0)
+x = bench["md3"]
+assert x.ask(write(1, 0x1D, 1234)) and x.ask(write(1, 0x1A, 1))  # EEPROMControl: save
+bench.advance(1.0)
+if is_closed == "closed":
+    bench.close()
+"""
+
+
+@pytest.mark.parametrize(("kind", "is_closed"), [("run", "closed"), ("run", ""), ("bench", "closed")])
+def test_a_memory_that_cannot_be_saved_is_an_error(tmp_path, kind, is_closed):
+    command = [sys.executable, "-c", MEMORY, tmp_path / "x.nv", kind, is_closed]
+    done = subprocess.run(command, cwd=os.path.dirname(__file__), stderr=subprocess.PIPE, text=True)
+    sentence = f"drivetwin._errors.Error: {tmp_path}/x.nv does not keep what the drive stored: File too large (os error 27)"
+    assert done.stderr.splitlines()[-1] == sentence
+    assert done.returncode == (1 if is_closed else 0)
+
+
+def test_arguments_as_python_writes_them(tmp_path):
+    program = tmp_path / "x.toml"
+    program.write_text('[[drive]]\nname = "x"\nkind = "md3"\n')
+    with drivetwin.run("md3", time="manual", control=False, fast_boot=1, strict=0, set={"UserRegister": True}) as rack:
+        x = rack["md3"]
+        assert rack.control is None and not x.line().strict and x.registers["UserRegister"] == 1
+        assert x.ask(read(1, 0x14, 2))
+    with drivetwin.run(program, time="manual", fast_boot=0, control=None) as rack:
+        assert rack.control and rack["x"].ask(read(1, 0x14, 2)) == b""
+    for act, sentence in [
+        (lambda: drivetwin.run(None), "run takes a kind or the path of a bench file, not None"),
+        (lambda: drivetwin.run(b"md3"), "run takes a kind or the path of a bench file, not b'md3'"),
+        (lambda: drivetwin.run("md3", record=b"x.trace"), "record takes a string, not b'x.trace'"),
+        (lambda: drivetwin.run("md3", help=True), "run has no argument 'help': it prints nothing"),
+        (lambda: drivetwin.run("md3", verbose=2), "run has no argument 'verbose': it prints nothing"),
+        (lambda: drivetwin.run("md3", control=True), "control is no flag: it takes a value, not True"),
+    ]:
+        with pytest.raises(TypeError) as raised:
+            act()
+        assert str(raised.value) == sentence
 
 
 def test_nothing_is_left_behind():

@@ -3,10 +3,11 @@
 import sys
 
 import pytest
+from matplotlib.figure import Figure
 from modbus import read, write
 
 import drivetwin
-from drivetwin import Bench, Error, UnknownName
+from drivetwin import Bench, Error, UnknownName, _plot
 
 
 def moved():
@@ -84,6 +85,12 @@ def test_what_has_no_history():
     bench = Bench()
     q, x = bench.add("qsb-d", name="q"), bench.add("md3", name="x")
     bench.run_until(20.0)
+    # A bench at rest has few samples.
+    assert len(bench.history(x, every=1e-6)) == 2
+    bench.run_until(30_000.0)
+    assert len(bench.history(x)) == 2
+    x.registers["MotionControl"] = 2
+    bench.advance(20.0)
     for act, error, sentence in [
         (lambda: bench.history(q), Error, "q moves nothing: qsb-d has no axis"),
         (lambda: bench.history("y"), UnknownName, None),
@@ -143,6 +150,68 @@ def test_words_of_frames_do_not_overlap():
     assert not any(a.overlaps(b) for place, a in enumerate(words) for b in words[:place])
     width = figure.bbox.width
     assert all(0 <= box.x0 and box.x1 <= width for box in words)
+
+
+def test_pulses_narrower_than_a_column_are_not_levels():
+    bench = Bench()
+    x = bench.add("md3", name="x", fast_boot=True, set={"Speed": 30})
+    x.registers["MotionControl"] = 2  # jog forward
+    bench.advance(100.0)
+    # A column of the picture has 50 ms, and one or two pulses of 2 µs. Some of them begin in one and end in the next.
+    (panel,) = bench._tracks([], None, None)
+    (step,) = [track for track in panel["tracks"] if track["name"] == "STEP"]
+    edges = step["edges"]
+    assert len(edges) > 1_000
+    step["edges"] = [(0.0, False, "0"), (9.99999, False, "1"), (10.0, False, "0"), (20.0, False, "1"), (30.0, True, "0")]
+    for edges, high in (edges, False), (step["edges"], True):
+        figure = Figure()
+        axes = figure.add_subplot()
+        _plot._Pins([{**step, "edges": edges}], (0.0, 100.0))(axes)
+        (line,) = axes.lines
+        levels = set(zip(line.get_xdata(), line.get_ydata()))
+        assert axes.collections[0].get_paths()
+        assert {at for at, y in levels if y == 0.66} == ({20.0, 30.0} if high else set())
+
+
+@pytest.mark.parametrize("title", ["x", "word " * 10, "word " * 40, "x" * 300, "a\nb", ""])
+def test_a_title_is_beside_nothing(title):
+    bench, x = moved()
+    x.line().faults(drop={"count": 1, "direction": "reply"})
+    for frame in read(1, 0x14, 2), write(1, 0x0B, 5), write(1, 0x15, 9_000)[:-1] + b"\0":
+        x.ask(frame)
+    figure = bench.plot(title=title)
+    figure.canvas.draw()
+    (legend,) = [legend.get_window_extent() for legend in figure.legends]
+    words = [text.get_window_extent() for text in figure.texts]
+    top = max(axes.get_window_extent().y1 for axes in figure.axes)
+    assert legend.y0 > top and legend.y1 <= figure.bbox.height and legend.x0 > 0
+    assert not any(legend.overlaps(box) for box in words if box.width > 1)
+    assert all(0 <= box.x0 and box.x1 <= figure.bbox.width and box.y1 <= figure.bbox.height for box in words)
+    shown = "".join(text.get_text() for text in figure.texts)
+    assert "".join(title.split()) in "".join(shown.split())
+
+
+def test_headings_of_drives_without_tracks_are_outside_of_the_axes():
+    bench = Bench()
+    x = bench.add("md3", name="x", fast_boot=True)
+    bench.add("qsb-d", name="q")
+    bench.add("qsb-d", name="r")
+    bench.advance(1.0)
+    x.registers["MotionControl"] = 1
+    bench.advance(1.0)
+    for drives in ("x", "q", "r"), ("q", "r"):
+        figure = bench.plot(*drives, start=1.0)
+        figure.canvas.draw()
+        nothing = [text for text in figure.texts if text.get_text().endswith(": nothing happened")]
+        assert len(nothing) == 2
+        boxes = [text.get_window_extent() for text in figure.texts]
+        boxes += [axes.get_tightbbox() for axes in figure.axes]
+        assert all(box.y0 >= 0 for box in boxes)
+        names = [text for text in figure.texts if text.get_text() in "qr"]
+        for name in names:
+            box = name.get_window_extent()
+            assert not any(box.overlaps(axes.get_tightbbox()) for axes in figure.axes)
+        assert not any(a.overlaps(b) for place, a in enumerate(boxes) for b in boxes[:place])
 
 
 def test_a_plot_without_matplotlib_says_what_to_install(monkeypatch):

@@ -3,6 +3,7 @@
 import ast
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 from test_command import COMMAND
@@ -36,6 +37,47 @@ def test_the_stubs_name_what_is_there():
             real = getattr(drivetwin, name)
             there = {member for member in vars(real) if not member.startswith("__") or member in OPERATORS}
             assert there == set(members(stub.body)) - UNSURE, name
+
+
+USE = """
+import drivetwin
+
+bench = drivetwin.Bench(seed=2)
+x = bench.add("md3", name="x", set={"Speed": 8000})
+x.registers["Speed"] += 5
+speed: int = x.registers["Speed"]
+words: list[int] = x.registers["UserRegister"]
+level: str = bench["x"].pins["J2.3"]
+with drivetwin.run("md3", time="manual", control=False) as rack:
+    reply: bytes = rack["md3"].ask(b"")
+"""
+
+WRONG_USE = """
+import drivetwin
+
+drivetwin.Bench()["x"].registers["Speed"] = 2.5
+"""
+
+
+def test_a_program_passes_the_checker_of_types(tmp_path):
+    for program, code in (USE, 0), (WRONG_USE, 1):
+        file = tmp_path / "use.py"
+        file.write_text(program)
+        command = [sys.executable, "-m", "mypy", "--strict", "--cache-dir", tmp_path / "cache", file]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+        assert done.returncode == code, done.stdout + done.stderr
+        assert code == 0 or "use.py:4: error: Incompatible types in assignment" in done.stdout
+
+
+def test_the_stubs_have_the_arguments_of_the_package(tmp_path):
+    settings = tmp_path / "mypy.ini"
+    settings.write_text("[mypy]\nignore_missing_imports = True\nfollow_imports = silent\n")
+    # Its base class is of pyserial, which has no types.
+    allowed = tmp_path / "allowed"
+    allowed.write_text("drivetwin.urlhandler.protocol_drivetwin.Serial\n")
+    command = [sys.executable, "-m", "mypy.stubtest", "drivetwin", "--mypy-config-file", settings, "--allowlist", allowed]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_everything_has_a_docstring():

@@ -49,7 +49,7 @@ impl Bench {
             "the pulses of {name} cannot be counted: the trace has lost its beginning, or keeps nothing; \
              give the bench `Retention::All`",
         );
-        pulses::pulses(&self.trace, drive.0 as usize, axis, self.now)
+        pulses::pulses(&self.trace, drive.0 as usize, axis, Instant::ZERO, self.now)
     }
 
     /// The pulses on a STEP output since the last power-on of its drive; `None` if the trace does not have them all.
@@ -65,10 +65,8 @@ impl Bench {
             entry.drive == index && matches!(entry.event, Event::Input(InputRecord::Power(Power::On)))
         });
         let since = power_ons.last().map(|entry| entry.at);
-        (since.is_some() || self.trace.is_whole()).then(|| {
-            let pulses = pulses::pulses(&self.trace, index, axis, self.now);
-            pulses.skip_while(move |pulse| since.is_some_and(|since| pulse.rise < since))
-        })
+        (since.is_some() || self.trace.is_whole())
+            .then(|| pulses::pulses(&self.trace, index, axis, since.unwrap_or(Instant::ZERO), self.now))
     }
 
     /// Connects an output pin to an input pin, permanently. A change of the output arrives one tick later,

@@ -12,6 +12,8 @@ use crate::signals::motion::{Commanded, Motion};
 /// of `every` while the axis moves. If the motion jumps, there are two samples at that instant, before and after.
 /// The motion of a motor is as it was recorded, at the times of the recording. While the motion is not known, because its
 /// beginning is lost, there are no samples.
+///
+/// `None` if there are more than `most` samples.
 #[must_use]
 pub fn history(
     trace: &Trace,
@@ -19,11 +21,13 @@ pub fn history(
     axis: Axis,
     until: Instant,
     every: Duration,
-) -> Vec<(Instant, Motion)> {
-    let Some(of) = trace.drives.get(drive) else { return Vec::new() };
+    most: usize,
+) -> Option<Vec<(Instant, Motion)>> {
+    let Some(of) = trace.drives.get(drive) else { return Some(Vec::new()) };
     let mut history = History {
         samples: Vec::new(),
         every,
+        most,
         commanded: Commanded::at_rest(of.from),
         is_known: trace.is_whole() && !of.turns_motor,
         is_recorded: false,
@@ -31,6 +35,9 @@ pub fn history(
     };
     history.sample();
     for entry in trace.events().filter(|entry| entry.drive == drive && entry.at <= until) {
+        if history.has_too_many() {
+            return None;
+        }
         let at = entry.at;
         let commanded = match &entry.event {
             Event::Input(InputRecord::Power(Power::On)) => {
@@ -69,12 +76,13 @@ pub fn history(
         history.sample();
     }
     history.move_to(until);
-    history.samples
+    (!history.has_too_many()).then_some(history.samples)
 }
 
 struct History {
     samples: Vec<(Instant, Motion)>,
     every: Duration,
+    most: usize,
     commanded: Commanded,
     /// True if the commands show the motion.
     is_known: bool,
@@ -84,6 +92,10 @@ struct History {
 }
 
 impl History {
+    fn has_too_many(&self) -> bool {
+        self.samples.len() > self.most
+    }
+
     /// Adds the motion now, if it is known and differs from the last sample.
     fn sample(&mut self) {
         if !self.is_known || self.is_recorded {
@@ -97,7 +109,7 @@ impl History {
 
     /// Adds the samples up to `at`.
     fn move_to(&mut self, at: Instant) {
-        while self.is_known && !self.is_recorded {
+        while self.is_known && !self.is_recorded && !self.has_too_many() {
             let next = self.commanded.next_sample(self.now, self.every);
             if next > at {
                 break;
@@ -130,6 +142,8 @@ mod tests {
     use crate::catalog;
     use crate::record::trace::Retention;
 
+    const MOST: usize = 10_000;
+
     fn bench(kind: &str) -> (Bench, DriveId) {
         let settings = Settings { trace: Retention::All, shafts: true, ..Settings::default() };
         let mut bench = Bench::with(settings);
@@ -154,7 +168,10 @@ mod tests {
     fn the_history_is_the_motion_at_each_sample() {
         let (mut once, x) = bench("md3");
         run(&mut once, x, &mut |bench, at| bench.run_until(at));
-        let samples = history(once.trace(), 0, Axis(0), once.now(), Duration::millis(1));
+        let history = |most| history(once.trace(), 0, Axis(0), once.now(), Duration::millis(1), most);
+        let samples = history(MOST).unwrap();
+        assert_eq!(history(samples.len()).as_ref(), Some(&samples));
+        assert_eq!(history(samples.len() - 1), None);
         // Three moves of 0.6 to 2.5 s, a sample in each millisecond.
         assert!((3_500..6_500).contains(&samples.len()), "{}", samples.len());
         assert!(samples.iter().zip(&samples[1..]).all(|(a, b)| a.0 <= b.0 && a != b));
@@ -197,7 +214,7 @@ mod tests {
             bench.poke(x, row, value).unwrap();
         }
         bench.run_until(4.secs());
-        let samples = history(bench.trace(), 0, Axis(0), bench.now(), Duration::millis(1));
+        let samples = history(bench.trace(), 0, Axis(0), bench.now(), Duration::millis(1), MOST).unwrap();
         assert!(samples.len() > 20);
         assert_eq!(samples.last().map(|(at, _)| *at), Some(bench.now()));
         let last = samples.last().unwrap().1;
@@ -215,7 +232,9 @@ mod tests {
             bench.ask(x, &rtu::read(1, 0x14, 2));
         }
         assert!(!bench.trace().is_whole());
-        let samples = |bench: &Bench| history(bench.trace(), 0, Axis(0), bench.now(), Duration::millis(1));
+        let samples = |bench: &Bench| {
+            history(bench.trace(), 0, Axis(0), bench.now(), Duration::millis(1), MOST).unwrap()
+        };
         assert_eq!(samples(&bench), []);
         assert!(bench.pulses_since_power_on(x.step()).is_none());
         let at = bench.now();

@@ -208,11 +208,12 @@ impl Shaper {
     }
 }
 
-/// The edges of an axis in a trace up to `until`, in the order of time.
-fn edges(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> Edges<'_> {
+/// The edges of an axis in a trace from `from`, when it stands, up to `until`, in the order of time.
+fn edges(trace: &Trace, drive: usize, axis: Axis, from: Instant, until: Instant) -> Edges<'_> {
     let spec = trace.drives.get(drive).and_then(|drive| drive.spec.axes.get(usize::from(axis.0)));
     let pins = spec.and_then(|axis| axis.step_dir);
-    let news = trace.events().filter(move |entry| entry.drive == drive && entry.at <= until);
+    let is_within = move |at| from <= at && at <= until;
+    let news = trace.events().filter(move |entry| entry.drive == drive && is_within(entry.at));
     let news = news.filter_map(move |entry| Some((entry.at, News::of(&entry.event, axis, pins)?)));
     Edges { news: Box::new(news), next: None, shaper: Shaper::default(), lent: Lent::default(), until }
 }
@@ -300,13 +301,19 @@ impl Iterator for Edges<'_> {
     }
 }
 
-/// The pulses of an axis in a trace that rise up to `until`, in the order of time. `drive` is an index in
-/// [`Trace::drives`].
+/// The pulses of an axis in a trace that rise from `from` up to `until`, in the order of time. `drive` is an index in
+/// [`Trace::drives`]. `from` is the beginning of the trace, or a power-on: the axis then has no plan.
 ///
 /// The pulses are complete only if the trace is: all events are retained, and none is [lost](Trace::lost). A
 /// trace that was read from text has only the courses of plans, not the plans themselves; replay it first.
-pub fn pulses(trace: &Trace, drive: usize, axis: Axis, until: Instant) -> impl Iterator<Item = Pulse> {
-    let mut edges = edges(trace, drive, axis, until);
+pub fn pulses(
+    trace: &Trace,
+    drive: usize,
+    axis: Axis,
+    from: Instant,
+    until: Instant,
+) -> impl Iterator<Item = Pulse> {
+    let mut edges = edges(trace, drive, axis, from, until);
     let (mut forward, mut rise) = (false, None);
     std::iter::from_fn(move || {
         loop {

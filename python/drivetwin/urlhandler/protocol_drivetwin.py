@@ -106,10 +106,10 @@ class Serial(SerialBase):
             names = list(self.bench)
             self.drive = self.bench[options.pop("drive", names[0])]
         else:
-            self.bench = drivetwin.Bench(**{
-                name: int(value) if name == "seed" and value.isdecimal() else value
-                for name, value in [(name, options.pop(name)) for name in _BENCH if name in options]
-            })
+            of_bench = {name: options.pop(name) for name in _BENCH if name in options}
+            if "seed" in of_bench:
+                of_bench["seed"] = _seed(of_bench["seed"])
+            self.bench = drivetwin.Bench(**of_bench)
             more = {name: options.pop(name) for name in _DRIVE if name in options}
             flag = options.pop("fast_boot", "0")
             if flag not in _FLAGS:
@@ -249,6 +249,12 @@ class Serial(SerialBase):
         if not self.is_open:
             raise PortNotOpenError()
         return True
+
+
+def _seed(text):
+    if not (text.isascii() and text.isdecimal()):
+        raise drivetwin.Error(f"seed takes a whole number from 0, not '{text}'")
+    return int(text)
 
 
 def _factor(text):

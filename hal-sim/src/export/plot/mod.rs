@@ -8,6 +8,8 @@ mod draw;
 mod exchanges;
 mod tracks;
 
+use std::io;
+
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
@@ -102,23 +104,32 @@ pub fn svg(trace: &Trace, make: &Make<'_>, options: &Options) -> Result<String, 
     // All drives together, because what one of them sends on a line is no message to the others.
     let traces: Vec<&Trace> = benches.iter().map(Bench::trace).collect();
     let trace = Trace::joined(trace, &traces);
-    Ok(draw::picture(&options.title, span, &chosen(&trace, span, options)?))
+    Ok(draw::picture(&options.title, span, &chosen(&trace, span, options, || Ok(()))?))
 }
 
 /// The tracks of a trace that was recorded on a bench, as far as a picture shows them. The motion of motors is in it if the
-/// bench recorded [`shafts`](crate::bench::Settings::shafts).
+/// bench recorded [`shafts`](crate::bench::Settings::shafts). `pause` is called often; an error of it ends the work.
 ///
 /// # Errors
-/// One sentence: there is no such drive, or the time axis has no length.
-pub fn panels(trace: &Trace, options: &Options) -> Result<Vec<Panel>, String> {
+/// One sentence: there is no such drive, the time axis has no length, or that of `pause`.
+pub fn panels(
+    trace: &Trace,
+    options: &Options,
+    pause: impl FnMut() -> io::Result<()>,
+) -> Result<Vec<Panel>, String> {
     options.check(trace)?;
-    chosen(trace, options.span(trace.end)?, options)
+    chosen(trace, options.span(trace.end)?, options, pause)
 }
 
 /// The tracks of the chosen drives.
-fn chosen(trace: &Trace, span: Span, options: &Options) -> Result<Vec<Panel>, String> {
+fn chosen(
+    trace: &Trace,
+    span: Span,
+    options: &Options,
+    pause: impl FnMut() -> io::Result<()>,
+) -> Result<Vec<Panel>, String> {
     let mut waveforms = Waveforms::new(trace);
-    let mut collector = Collector::new(waveforms.variables(), span);
+    let mut collector = Collector::new(waveforms.variables(), span, pause);
     let reading = waveforms.follow(trace, &mut collector);
     reading.map_err(|error| error.to_string())?;
     waveforms.finish(&mut collector);

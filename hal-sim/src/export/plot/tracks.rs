@@ -1,5 +1,7 @@
 //! Tracks of a picture: changes of variables, as far as the width of the picture shows them.
 
+use std::io;
+
 use drivetwin_firmware::device::{Instant, Spec};
 
 use super::Span;
@@ -88,11 +90,13 @@ impl Shape {
 }
 
 /// Collects the tracks of a drive.
-pub(super) struct Collector {
+pub(super) struct Collector<Pause> {
     span: Span,
     tracks: Vec<(Variable, Shape)>,
     /// State of each variable.
     states: Vec<State>,
+    /// Function that is called between two instants.
+    pause: Pause,
 }
 
 /// State of a variable.
@@ -105,10 +109,10 @@ struct State {
     before: usize,
 }
 
-impl Collector {
-    pub(super) fn new(variables: &[Variable], span: Span) -> Self {
+impl<Pause> Collector<Pause> {
+    pub(super) fn new(variables: &[Variable], span: Span, pause: Pause) -> Self {
         let tracks = variables.iter().map(|variable| (variable.clone(), Shape::of(variable.kind)));
-        Self { span, tracks: tracks.collect(), states: vec![State::default(); variables.len()] }
+        Self { span, tracks: tracks.collect(), states: vec![State::default(); variables.len()], pause }
     }
 
     /// The tracks, each up to the end of the span.
@@ -207,7 +211,7 @@ fn thin(points: &mut Vec<(Instant, Option<f64>)>, from: usize) {
     points.extend(kept.into_iter().map(|index| crowd[index]));
 }
 
-impl Sink for Collector {
+impl<Pause: FnMut() -> io::Result<()>> Sink for Collector<Pause> {
     fn change(&mut self, at: Instant, index: usize, value: &Value) {
         if at >= self.span.from && at <= self.span.to {
             self.enter(index);
@@ -216,5 +220,9 @@ impl Sink for Collector {
         if at <= self.span.to {
             self.states[index].last = Some((at, value.clone()));
         }
+    }
+
+    fn pause(&mut self) -> io::Result<()> {
+        (self.pause)()
     }
 }
