@@ -447,6 +447,13 @@ impl Bench {
         {
             return;
         }
+        if let (false, true) = (alone, is_noise) {
+            if listened {
+                entry.outcome = flaw.unwrap_or(entry.outcome);
+                self.enter_noise(bus, entry, entries);
+            }
+            return;
+        }
         let is_own = flaw.is_some() || address.is_none_or(|address| address == 0 || own == Some(address));
         let for_other = match entry.outcome {
             Outcome::Dropped(DropReason::Address) => true,
@@ -513,6 +520,16 @@ impl Bench {
             (last.at, last.outcome, last.message()) == (entry.at, entry.outcome, entry.message())
         });
         if !is_known {
+            journal.push(entries, entry);
+            self.record_outcomes(Receiver::Line(Bus(bus)));
+        }
+    }
+
+    /// Enters noise that followed a reply in the journal of the line, once: every drive of the line reports it, after the
+    /// end of the turn.
+    fn enter_noise(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
+        let SerialLine { journal, noise_entered, .. } = &mut self.buses[bus as usize];
+        if std::mem::replace(noise_entered, entry.at) < entry.at {
             journal.push(entries, entry);
             self.record_outcomes(Receiver::Line(Bus(bus)));
         }

@@ -1432,3 +1432,49 @@ fn a_request_to_an_rs_drive_that_restarts_has_an_entry() {
     assert_eq!(words.len(), 2, "{words:#?}");
     assert!(words[1].starts_with("rs485 <- read SLAVE_ADDRESS_MODBUS -> starting for "), "{words:#?}");
 }
+
+/// What the other drives hear of a reply is no request, also beside noise, copies and other clients; what a client sends
+/// behind a reply has an entry.
+#[test]
+fn a_reply_on_a_line_with_collisions_is_no_request() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let rule = |direction| FaultRule::ALL.direction(direction);
+    let noise = |direction| LineFaults { noise: rule(direction), ..LineFaults::NONE };
+    let twice = LineFaults { duplicate: rule(Direction::Reply), ..LineFaults::NONE };
+    let junk: Vec<u8> = (40..70).collect();
+    let (none, to_y) = (LineFaults::NONE, rtu::read(2, 0, 1));
+    let mut collided = 0;
+    for faults in [none, noise(Direction::Request), noise(Direction::Reply), twice] {
+        for (text, wait) in (0..40).flat_map(|wait| [(&junk[..], wait), (&[][..], wait), (&to_y, wait)]) {
+            let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+            let bus = bench.bus(x, Port(0)).unwrap();
+            bench.set_collisions(bus, true);
+            bench.set_line_faults(bus, faults);
+            let [a, b] = [(); 2].map(|()| bench.connect(bus));
+            bench.send(a, &rtu::read(1, 0, 1));
+            bench.run_until(bench.now() + Duration::millis(wait));
+            bench.send(b, text);
+            bench.run_until(bench.now() + Duration::millis(300));
+            let all: Vec<_> = [x, y].into_iter().flat_map(|drive| words(&bench, drive)).collect();
+            assert!(
+                !all.iter().any(|words| words.contains("nobody here")),
+                "{faults:?} {wait} {text:?}: {all:#?}"
+            );
+            let is_asked = |message: &crate::bench::ReceivedMessage| {
+                message.bytes.windows(text.len().max(1)).any(|part| part == text)
+            };
+            let requests = [x, y].map(|drive| bench.received(drive).messages().filter(is_asked).count());
+            if !text.is_empty() {
+                assert!(requests != [0, 0], "{faults:?} {wait} {text:02X?}: {all:#?}");
+            }
+            let has = |what: &str| all.iter().any(|words| words.contains(what));
+            if has("had noise beside it") && !has("collision") {
+                let noises = all.iter().filter(|words| words.ends_with("the request was noise")).count();
+                // Each is in the lists of both drives.
+                assert!(noises >= 2, "{faults:?} {wait} {text:02X?}: {all:#?}");
+            }
+            collided += usize::from(has("collision"));
+        }
+    }
+    assert!(collided > 50, "{collided}");
+}
