@@ -117,10 +117,12 @@ impl Bench {
         self.note_silence(bus, client);
         let in_one_write = self.in_one_write(bus, client, length);
         let early = self.early_request(bus, client, length);
-        let early = in_one_write.or(early);
+        let early = in_one_write.or(early).filter(|_| !ends_bad_frame);
         let Some(state) = self.clients.get_mut(&client) else { return };
         let (flags, order) = (state.flags(), state.order().unwrap_or_default());
         let (bytes, sender) = (state.take(length), state.sender);
+        let length = self.unbroken(bus, client, length);
+        let ends_bad_frame = self.ends_bad_frame(bus, client, length);
         if state.left && state.backlog() == 0 {
             self.forget(client);
         }

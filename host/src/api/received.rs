@@ -52,7 +52,7 @@ struct ReceivedStatistics {
 #[derive(Serialize, ToSchema)]
 struct LineStatistics {
     requests: u64,
-    /// Number of requests that were too early: without a silence of t3.5 before or after them.
+    /// Number of requests that were too early: without a silence of t3.5 before them.
     early: u64,
     /// Number of requests that repeat the request before them, which had no answer.
     retries: u64,
