@@ -21,8 +21,8 @@ use crate::record::journal::{Draft, Entry, Journal, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
-/// Copy of the latest messages that a drive has received, the oldest first. The texts of the messages are
-/// made only when a caller asks for the messages.
+/// Copy of the latest messages that a drive has received, in the order in which their outcomes became known. The texts
+/// of the messages are made only when a caller asks for the messages.
 ///
 /// ```
 /// use drivetwin_firmware::md3::Md3;
@@ -111,7 +111,8 @@ impl Counts {
 }
 
 impl Received {
-    /// The messages, the oldest first.
+    /// The messages, in the order in which their outcomes became known. On a line where characters may collide, the
+    /// outcome of a message may be known later than that of a message that ended after it.
     pub fn messages(&self) -> impl DoubleEndedIterator<Item = ReceivedMessage> + '_ {
         self.entries.iter().map(|entry| words(self.spec, entry))
     }
@@ -125,11 +126,14 @@ impl Received {
         registers.filter(|register| register.written).map(|register| register.name).collect()
     }
 
-    /// Removes the messages that ended before `since`.
+    /// Removes the messages before the first one that ended at `since` or later. The other messages stay, also one that
+    /// ended earlier: its outcome became known after `since`. So a reader that passes the end of the newest message that
+    /// it has seen misses none.
     #[must_use]
     pub fn since(mut self, since: impl Into<Instant>) -> Self {
         let since = since.into();
-        self.entries.retain(|entry| entry.at >= since);
+        let before = self.entries.iter().take_while(|entry| entry.at < since).count();
+        self.entries.drain(..before);
         self
     }
 

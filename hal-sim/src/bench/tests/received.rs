@@ -1478,3 +1478,41 @@ fn a_reply_on_a_line_with_collisions_is_no_request() {
     }
     assert!(collided > 50, "{collided}");
 }
+
+/// On a line with collisions an outcome may become known later than that of a message that ended after it. Whoever asks
+/// with the newest end that it has seen misses nothing.
+#[test]
+fn asking_since_the_newest_end_misses_nothing() {
+    let mut back = 0;
+    for wait in 0..60 {
+        let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+        let bus = bench.bus(x, Port(0)).unwrap();
+        bench.set_collisions(bus, true);
+        let delay = Duration::millis(60);
+        bench.set_line_faults(
+            bus,
+            crate::line::faults::LineFaults { delay, ..crate::line::faults::LineFaults::NONE },
+        );
+        let [a, b, c, d] = [(); 4].map(|()| bench.connect(bus));
+        let (mut newest, mut seen) = (Instant::ZERO, Vec::new());
+        for step in 0..300 {
+            match step - wait {
+                _ if step == 0 => bench.send(a, &rtu::read(1, 0, 1)),
+                0 => [b, c].into_iter().for_each(|client| bench.send(client, &rtu::read(2, 0, 1))),
+                20 => bench.send(d, &rtu::read(2, 0, 1)),
+                _ => {}
+            }
+            bench.run_until(bench.now() + Duration::millis(1));
+            for message in bench.received(y).since(newest).messages() {
+                newest = newest.max(message.at);
+                if !seen.contains(&message.number) {
+                    seen.push(message.number);
+                }
+            }
+        }
+        let all: Vec<_> = bench.received(y).messages().collect();
+        assert_eq!(seen, all.iter().map(|message| message.number).collect::<Vec<_>>(), "{wait}");
+        back += usize::from(!all.is_sorted_by_key(|message| message.at));
+    }
+    assert!(back > 10, "{back}");
+}
