@@ -6,9 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use drivetwin_firmware::device::{DropReason, Duration, Framing, Instant, Port, Spec};
+use drivetwin_firmware::device::{DropReason, Duration, Framing, Instant, Link, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
-use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId, Outlet};
@@ -515,6 +514,16 @@ impl Bench {
         }
     }
 
+    /// Enters the line of text that a client leaves incomplete on a TCP connection.
+    pub(super) fn enter_unfinished(&mut self, drive: DriveId, port: Port, link: Link) {
+        let Some(entry) = self.at_mut(drive).state.reception.unfinished(port, link) else { return };
+        let mut outputs = std::mem::take(&mut self.outputs);
+        self.slots[drive.0 as usize].state.enter(entry, &mut outputs);
+        self.outputs = outputs;
+        self.route_outputs();
+        self.record_outcomes(Receiver::Drive(drive));
+    }
+
     /// Enters characters of a shared line that are no message in the journal of the line, once: every drive of the
     /// line reports them.
     fn enter_stray(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
@@ -602,13 +611,13 @@ impl Bench {
     }
 
     /// Enters bytes on a Modbus/TCP connection that are no message.
-    pub(super) fn enter_broken(&mut self, drive: DriveId, port: Port, bytes: &[u8], why: Broken) {
+    pub(super) fn enter_broken(&mut self, drive: DriveId, port: Port, bytes: &[u8], why: NoMessage) {
         if !self.settings.journals {
             return;
         }
         let mut draft = Draft::default();
         draft.begin(bytes);
-        let entry = draft.entry(self.now, port, Outcome::NoMessage(NoMessage::Header(why)));
+        let entry = draft.entry(self.now, port, Outcome::NoMessage(why));
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
         self.record_outcomes(Receiver::Drive(drive));
     }

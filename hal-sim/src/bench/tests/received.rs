@@ -1516,3 +1516,100 @@ fn asking_since_the_newest_end_misses_nothing() {
     }
     assert!(back > 10, "{back}");
 }
+
+/// After a truncated request the drive takes the next one for its rest: that one has an entry, and so have the bytes at
+/// which the stream is no longer Modbus/TCP.
+#[test]
+fn what_a_broken_stream_takes_has_an_entry() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let (mut executed, mut other) = (0, 0);
+    for seed in 0..20 {
+        let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+        let (drive, mcode) = mcode(&mut bench);
+        let modbus = Port(1 - mcode);
+        let truncate = FaultRule::next(1).direction(Direction::Request);
+        bench.set_faults(bench.outlet(drive, modbus), LineFaults { truncate, ..LineFaults::NONE });
+        let client = bench.connect_to(drive, modbus).unwrap();
+        let frame = |transaction, pdu: &[u8]| tcp::frame(tcp::Header { transaction, unit: 255 }, pdu);
+        let write = frame(1, &[16, 0, 0x46, 0, 2, 4, 0, 0, 0, 5]);
+        for request in [&write, &frame(2, &[3, 0, 0x57, 0, 2]), &frame(3, &[3, 0, 0x57, 0, 2])] {
+            bench.send(client, request);
+            bench.run_until_idle();
+        }
+        let words = words(&bench, drive);
+        let lost = "lost; by a fault, the request was";
+        assert_eq!(
+            words[..2],
+            [
+                format!("modbus <- write MR = 5 -> {lost} truncated"),
+                format!("modbus <- read P -> {lost} taken for the rest of the one before"),
+            ],
+            "{seed}"
+        );
+        let is_broken = bench.ended(client).is_some();
+        let broken = words.iter().filter(|words| words.ends_with("; the connection is closed")).count();
+        assert_eq!(broken, usize::from(is_broken), "{seed}: {words:#?}");
+        // The drive has executed what the truncated request and the beginning of the next one are together.
+        let done = words.iter().filter(|words| words.contains("-> done")).count();
+        (executed, other) = (executed + done, other + usize::from(is_broken));
+    }
+    assert!(executed > 3 && other > 10, "{executed}, {other}");
+}
+
+/// What a client leaves incomplete is no message; its entry says so.
+#[test]
+fn a_client_that_disconnects_inside_a_message_has_an_entry() {
+    let left = "the client disconnected before the end of the message";
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let request = tcp::frame(tcp::Header { transaction: 7, unit: 255 }, &[3, 0, 0x57, 0, 2]);
+    for (port, text) in [
+        (1 - mcode, &request[..9]),
+        (1 - mcode, &[&request[..], &request[..3]].concat()),
+        (mcode, b"PR"),
+        (mcode, b"PR VM\rS"),
+        (mcode, b"PR VM\r\n"),
+        (mcode, b"\r\n"),
+        (1 - mcode, &request),
+        (mcode, b""),
+    ] {
+        say(&mut bench, drive, port, text);
+    }
+    let other = bench.connect_to(drive, Port(mcode)).unwrap();
+    let client = bench.connect_to(drive, Port(mcode)).unwrap();
+    for (client, text) in [(client, b"PR "), (other, b"MR ")] {
+        bench.send(client, text);
+        bench.run_until_idle();
+    }
+    bench.disconnect(client);
+    bench.run_until_idle();
+    bench.send(other, b"5\r");
+    bench.run_until_idle();
+    let (read, vm) = ("modbus <- read P -> P = 0", "mcode <- PR VM -> 768000");
+    let expected = [
+        format!("modbus <- 9 bytes 00 07 00 00 00 06 FF 03 00 -> {left}"),
+        read.to_owned(),
+        format!("modbus <- 3 bytes 00 07 00 -> {left}"),
+        format!("mcode <- PR -> {left}"),
+        vm.to_owned(),
+        format!("mcode <- S -> {left}"),
+        vm.to_owned(),
+        read.to_owned(),
+        format!("mcode <- PR -> {left}"),
+        "mcode <- MR 5 -> done".to_owned(),
+    ];
+    assert_eq!(words(&bench, drive), expected);
+    let verdict = bench.received(drive).messages().next().unwrap().exchange.verdict;
+    assert_eq!(verdict, Verdict::BadFrame);
+    assert!(!bench.received(drive).counts().registers.contains_key("S"));
+
+    let (mut bench, x, _) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+    let bus = bench.bus(x, Port(0)).unwrap();
+    let client = bench.connect(bus);
+    bench.send(client, &rtu::read(1, 0, 1)[..5]);
+    bench.disconnect(client);
+    bench.run_until(bench.now() + Duration::millis(50));
+    assert_eq!(words(&bench, x), [format!("rs485 <- 5 bytes 01 03 00 00 00 -> {left}")]);
+    assert_eq!(bench.ask(x, &rtu::read(1, 0, 1)).len(), 7);
+    assert_eq!(words(&bench, x)[1..], ["rs485 <- read DeviceAddress -> DeviceAddress = 1"]);
+}
