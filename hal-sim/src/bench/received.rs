@@ -110,8 +110,8 @@ impl Counts {
 }
 
 impl Received {
-    /// The messages, in the order in which their outcomes became known. On a line where characters may collide, the
-    /// outcome of a message may be known later than that of a message that ended after it.
+    /// The messages, in the order in which their outcomes became known. The outcome of a message may be known
+    /// later than that of a message that ended after it, as on a line where characters may collide.
     pub fn messages(&self) -> impl DoubleEndedIterator<Item = ReceivedMessage> + '_ {
         self.entries.iter().map(|entry| words(self.spec, entry))
     }
