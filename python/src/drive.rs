@@ -278,8 +278,9 @@ impl Drive {
         Ok(Line::new(Arc::clone(&self.shared), outlet))
     }
 
-    /// The latest messages that the drive has received, the oldest first: those since a bench time in seconds, with a
-    /// Modbus function, or that read or write a register.
+    /// The latest messages that the drive has received, in the order in which their outcomes became known: those from the
+    /// first one on that ended at the bench time `since` (seconds) or later, with a Modbus function, or that read or write
+    /// a register.
     #[pyo3(signature = (since = 0.0, function = None, register = None))]
     fn received(
         &self,

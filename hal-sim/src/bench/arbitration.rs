@@ -4,9 +4,11 @@ use drivetwin_firmware::device::{Duration, Instant};
 
 use super::events::EventKind;
 use super::lines::{end_detection_time, inter_frame_gap};
-use super::{Bench, Bus};
+use super::{Bench, Bus, Outlet};
 use crate::line::faults::Text;
 use crate::line::{LineState, PendingFrame, Request, SerialLine};
+use crate::record::effects::FrameEffects;
+use crate::record::journal::{NoMessage, Outcome};
 use crate::scheduler::Phase;
 
 /// Maximum duration of a drive's queued output; while it is longer, clients have to wait (HOST-14).
@@ -50,7 +52,11 @@ impl Bench {
                     // The line was reserved for the client until the client left.
                     let serial_line = &mut self.buses[bus as usize];
                     serial_line.free = serial_line.free.max(self.now);
+                    let bytes = state.first(state.backlog());
                     self.forget(id);
+                    let outcome = Outcome::NoMessage(NoMessage::Disconnected);
+                    let line = Outlet::Line(Bus(bus));
+                    self.enter_undelivered(line, self.now, &bytes, outcome, FrameEffects::NONE);
                 }
                 PendingFrame::Partial(until) | PendingFrame::Ambiguous(_, until) => {
                     self.turn_until(bus, until);
@@ -115,9 +121,11 @@ impl Bench {
     /// time at which the line is free.
     pub(super) fn transmit(&mut self, bus: u32, client: u32, length: usize, came: Instant) {
         self.note_silence(bus, client);
+        let length = self.unbroken(bus, client, length);
+        let ends_bad_frame = self.ends_bad_frame(bus, client, length);
         let in_one_write = self.in_one_write(bus, client, length);
         let early = self.early_request(bus, client, length);
-        let early = in_one_write.or(early);
+        let early = in_one_write.or(early).filter(|_| !ends_bad_frame);
         let Some(state) = self.clients.get_mut(&client) else { return };
         let (flags, order) = (state.flags(), state.order().unwrap_or_default());
         let (bytes, sender) = (state.take(length), state.sender);

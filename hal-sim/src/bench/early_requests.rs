@@ -5,10 +5,12 @@
 //! silences, so the line inserts the missing silence, and a client that works here may fail on a real line.
 //! Therefore each such request is counted, and a strict line drops it.
 
-use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::device::{Duration, Framing, Instant, Line};
+use drivetwin_protocol::modbus::{self, Expect, Scan, ascii};
 
 use super::lines::inter_frame_gap;
 use super::{Bench, Bus, Outlet};
+use crate::decode::Message;
 use crate::line::LastRequest;
 use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 use crate::record::effects::FrameEffects;
@@ -111,6 +113,35 @@ impl Bench {
         }
     }
 
+    /// Number of waiting bytes of a client that drives receive as one frame on a strict line. `length` is that of the
+    /// first frame. Characters that follow it without silence belong to it, unless all are whole frames, which are too
+    /// early.
+    pub(super) fn unbroken(&self, bus: u32, client: u32, length: usize) -> usize {
+        let line = &self.buses[bus as usize];
+        let is_judged = line.strict && !self.silence_is_free && !self.fast();
+        // The frames behind the first one of a write were judged together with it.
+        let is_first = line.continues != Some(client);
+        let settings = self.framed(bus).filter(|line| is_judged && is_first && !ascii::is_on(*line));
+        let client = self.clients.get(&client).filter(|state| !state.paces_itself);
+        let Some((settings, state)) = settings.zip(client) else { return length };
+        let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+        let burst = state.sent_without(needs);
+        let is_one = burst.len() > length
+            && line.disturbance.faults().baud.is_none()
+            && !are_whole_frames(settings, &burst);
+        if is_one { burst.len() } else { length }
+    }
+
+    /// Returns true if the first `length` waiting bytes of a client arrived together with the frame before them, and are
+    /// no whole frame: on a real line they are the end of a bad frame and not a request.
+    pub(super) fn ends_bad_frame(&self, bus: u32, client: u32, length: usize) -> bool {
+        self.buses[bus as usize].continues == Some(client)
+            && self.clients.get(&client).zip(self.framed(bus)).is_some_and(|(state, line)| {
+                !Message { framing: Framing::Silence, ascii: ascii::is_on(line), bytes: &state.first(length) }
+                    .is_whole()
+            })
+    }
+
     /// Judges the first `length` waiting bytes of a client, which are a frame. The times are chosen so that
     /// the silence was certainly missing.
     ///
@@ -188,8 +219,11 @@ impl Bench {
     /// Counts a request that is too early. On a strict line, enters it in a journal and returns true.
     pub(super) fn drops_early(&mut self, bus: u32, early: EarlyRequest, came: Instant, bytes: &[u8]) -> bool {
         let line = &mut self.buses[bus as usize];
-        line.early = EarlyRequests { count: line.early.count + 1, last: Some(early) };
-        self.early_count += 1;
+        // The request that follows is the one without silence before it.
+        if early.cause != EarlyCause::Followed {
+            line.early = EarlyRequests { count: line.early.count + 1, last: Some(early) };
+            self.early_count += 1;
+        }
         // In manual time two requests that wait for the bench may look like one write.
         if !line.strict || self.silence_is_free {
             return false;
@@ -203,4 +237,22 @@ impl Bench {
         );
         true
     }
+}
+
+/// Returns true if the characters are one whole Modbus RTU request behind the other.
+fn are_whole_frames(line: Line, burst: &[u8]) -> bool {
+    let mut rest = burst;
+    while !rest.is_empty() {
+        let length = match modbus::scan(line, rest, Expect::Requests) {
+            Scan::Complete(length) => length,
+            Scan::Ambiguous => modbus::ended(line, rest, Expect::Requests),
+            Scan::Incomplete | Scan::Invalid(_) => return false,
+        };
+        let (frame, behind) = rest.split_at(length);
+        if !(Message { framing: Framing::Silence, ascii: false, bytes: frame }).is_whole() {
+            return false;
+        }
+        rest = behind;
+    }
+    true
 }

@@ -15,8 +15,8 @@ pub(crate) enum EventKind {
     /// An input of a drive on the same line as the sending drive, which began to send at `began`.
     Overheard { input: InputRecord, began: Instant },
     /// A received character that is corrupt if it overlaps another one. `number` identifies its transmission
-    /// on the line.
-    MayCollide { input: InputRecord, number: u32 },
+    /// on the line; `overheard` is true if another drive sends it.
+    MayCollide { input: InputRecord, number: u32, overheard: bool },
     /// A fault answers a request on a line that ended at `end`, in place of a drive. `number` identifies the request if
     /// characters may collide.
     Refused { refusal: Refusal, request: Vec<u8>, end: Instant, number: Option<u32> },

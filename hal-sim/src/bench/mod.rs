@@ -644,6 +644,13 @@ impl Bench {
         self.schedule(at, Phase::of(&input), index, EventKind::Input(input));
     }
 
+    /// Delivers what another drive of the line sends.
+    fn overhear(&mut self, index: u32, input: &InputRecord) {
+        self.slots[index as usize].state.reception.overhears = true;
+        self.deliver(index, input);
+        self.slots[index as usize].state.reception.overhears = false;
+    }
+
     /// Handles an event.
     fn handle(&mut self, event: Event<EventKind>) {
         match event.kind {
@@ -652,14 +659,16 @@ impl Bench {
                 // If characters take no time, a drive that began to send at the same instant is still
                 // sending.
                 if !(self.fast() && self.slots[event.target as usize].began(&input) == Some(began)) {
-                    self.slots[event.target as usize].state.reception.overhears = true;
-                    self.deliver(event.target, &input);
-                    self.slots[event.target as usize].state.reception.overhears = false;
+                    self.overhear(event.target, &input);
                 }
             }
-            EventKind::MayCollide { input, number } => {
+            EventKind::MayCollide { input, number, overheard } => {
                 let input = self.exposed(event.target, input, number);
-                self.deliver(event.target, &input);
+                if overheard {
+                    self.overhear(event.target, &input);
+                } else {
+                    self.deliver(event.target, &input);
+                }
             }
             EventKind::Refused { refusal, request, end, number } => {
                 self.answer_refused(refusal, &request, end, number);

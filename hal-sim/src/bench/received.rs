@@ -6,9 +6,8 @@
 
 use std::collections::BTreeMap;
 
-use drivetwin_firmware::device::{DropReason, Duration, Framing, Instant, Port, Spec};
+use drivetwin_firmware::device::{DropReason, Duration, Framing, Instant, Link, Port, Spec};
 use drivetwin_protocol::modbus::ascii;
-use drivetwin_protocol::modbus::tcp::Broken;
 use drivetwin_protocol::registers::{Named, Order};
 
 use super::{Bench, Bus, DriveId, Outlet};
@@ -21,8 +20,8 @@ use crate::record::journal::{Draft, Entry, Journal, NoMessage, Outcome};
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
-/// Copy of the latest messages that a drive has received, the oldest first. The texts of the messages are
-/// made only when a caller asks for the messages.
+/// Copy of the latest messages that a drive has received, in the order in which their outcomes became known. The texts
+/// of the messages are made only when a caller asks for the messages.
 ///
 /// ```
 /// use drivetwin_firmware::md3::Md3;
@@ -111,7 +110,8 @@ impl Counts {
 }
 
 impl Received {
-    /// The messages, the oldest first.
+    /// The messages, in the order in which their outcomes became known. The outcome of a message may be known
+    /// later than that of a message that ended after it, as on a line where characters may collide.
     pub fn messages(&self) -> impl DoubleEndedIterator<Item = ReceivedMessage> + '_ {
         self.entries.iter().map(|entry| words(self.spec, entry))
     }
@@ -125,11 +125,14 @@ impl Received {
         registers.filter(|register| register.written).map(|register| register.name).collect()
     }
 
-    /// Removes the messages that ended before `since`.
+    /// Removes the messages before the first one that ended at `since` or later. The other messages stay, also one that
+    /// ended earlier: its outcome became known after `since`. So a reader that passes the end of the newest message that
+    /// it has seen misses none.
     #[must_use]
     pub fn since(mut self, since: impl Into<Instant>) -> Self {
         let since = since.into();
-        self.entries.retain(|entry| entry.at >= since);
+        let before = self.entries.iter().take_while(|entry| entry.at < since).count();
+        self.entries.drain(..before);
         self
     }
 
@@ -447,6 +450,13 @@ impl Bench {
         {
             return;
         }
+        if let (false, true) = (alone, is_noise) {
+            if listened {
+                entry.outcome = flaw.unwrap_or(entry.outcome);
+                self.enter_noise(bus, entry, entries);
+            }
+            return;
+        }
         let is_own = flaw.is_some() || address.is_none_or(|address| address == 0 || own == Some(address));
         let for_other = match entry.outcome {
             Outcome::Dropped(DropReason::Address) => true,
@@ -504,6 +514,16 @@ impl Bench {
         }
     }
 
+    /// Enters the line of text that a client leaves incomplete on a TCP connection.
+    pub(super) fn enter_unfinished(&mut self, drive: DriveId, port: Port, link: Link) {
+        let Some(entry) = self.at_mut(drive).state.reception.unfinished(port, link) else { return };
+        let mut outputs = std::mem::take(&mut self.outputs);
+        self.slots[drive.0 as usize].state.enter(entry, &mut outputs);
+        self.outputs = outputs;
+        self.route_outputs();
+        self.record_outcomes(Receiver::Drive(drive));
+    }
+
     /// Enters characters of a shared line that are no message in the journal of the line, once: every drive of the
     /// line reports them.
     fn enter_stray(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
@@ -513,6 +533,16 @@ impl Bench {
             (last.at, last.outcome, last.message()) == (entry.at, entry.outcome, entry.message())
         });
         if !is_known {
+            journal.push(entries, entry);
+            self.record_outcomes(Receiver::Line(Bus(bus)));
+        }
+    }
+
+    /// Enters noise that followed a reply in the journal of the line, once: every drive of the line reports it, after the
+    /// end of the turn.
+    fn enter_noise(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
+        let SerialLine { journal, noise_entered, .. } = &mut self.buses[bus as usize];
+        if std::mem::replace(noise_entered, entry.at) < entry.at {
             journal.push(entries, entry);
             self.record_outcomes(Receiver::Line(Bus(bus)));
         }
@@ -581,13 +611,13 @@ impl Bench {
     }
 
     /// Enters bytes on a Modbus/TCP connection that are no message.
-    pub(super) fn enter_broken(&mut self, drive: DriveId, port: Port, bytes: &[u8], why: Broken) {
+    pub(super) fn enter_broken(&mut self, drive: DriveId, port: Port, bytes: &[u8], why: NoMessage) {
         if !self.settings.journals {
             return;
         }
         let mut draft = Draft::default();
         draft.begin(bytes);
-        let entry = draft.entry(self.now, port, Outcome::NoMessage(NoMessage::Header(why)));
+        let entry = draft.entry(self.now, port, Outcome::NoMessage(why));
         self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
         self.record_outcomes(Receiver::Drive(drive));
     }

@@ -19,6 +19,7 @@ use super::{Bench, Bus, Client, DriveId};
 use crate::line::ClientState;
 use crate::line::faults::Disturbance;
 use crate::record::capture::{Frame, Medium, Source};
+use crate::record::journal::NoMessage;
 use crate::record::trace::InputRecord;
 use crate::scheduler::Phase;
 use crate::slot::{MOST_CONNECTIONS, Tcp, TcpSend};
@@ -527,10 +528,7 @@ impl Bench {
                 if let Ended::Broken(_) | Ended::BrokenByFault(_) = ended {
                     self.at_mut(drive).state.ports[usize::from(port.0)].statistics.broken += 1;
                 }
-                // A request that a fault changed has an entry already.
-                if let Ended::Broken(why) = ended {
-                    self.break_off(client, why);
-                }
+                self.break_off(client, ended);
                 self.close_connection(client);
                 match ended {
                     Ended::ByFault => self.end_from_drive(client, ended),
@@ -542,12 +540,18 @@ impl Bench {
     }
 
     /// Records the bytes of a client that are not Modbus/TCP.
-    fn break_off(&mut self, client: u32, why: Broken) {
+    fn break_off(&mut self, client: u32, ended: Ended) {
         let Some(connection) = self.connections.all.get(&client) else { return };
         let &Connection { drive, port, link, .. } = connection;
+        let why = match ended {
+            Ended::Broken(why) => why,
+            // The request that a fault itself changed has an entry already.
+            Ended::BrokenByFault(why) if !connection.disturbed.has_changed => why,
+            _ => return,
+        };
         let bytes = connection.broken_bytes();
         self.record_message((drive, port, link), Source::Client, &bytes);
-        self.enter_broken(drive, port, &bytes, why);
+        self.enter_broken(drive, port, &bytes, NoMessage::Header(why));
     }
 
     /// Disconnects a client from a TCP port. If the client has not read its answers, none of its pending
@@ -567,10 +571,22 @@ impl Bench {
         // other.
         if connection.splitter.is_some() {
             while self.schedule_next_message(client) {}
+            self.cut_short(client);
             self.close_connection(client);
             self.connections.forget(client);
         } else {
             self.resume_client(client);
+        }
+    }
+
+    /// Records the first part of a request that a client leaves incomplete.
+    fn cut_short(&mut self, client: u32) {
+        let Some(connection) = self.connections.all.get(&client) else { return };
+        let &Connection { drive, port, link, .. } = connection;
+        let part = connection.splitter.as_ref().map_or(&[][..], Splitter::partial).to_vec();
+        if connection.ended.is_none() && !part.is_empty() {
+            self.record_message((drive, port, link), Source::Client, &part);
+            self.enter_broken(drive, port, &part, NoMessage::Disconnected);
         }
     }
 
@@ -634,6 +650,10 @@ impl Bench {
         match input {
             InputRecord::Opened { .. } if tcp.report_opened(link, client) => statistics.connections += 1,
             InputRecord::Closed { .. } if tcp.report_closed(link, client) => {
+                // A fault that closes a connection keeps it until the client has left.
+                if !self.connections.has(client) {
+                    self.enter_unfinished(DriveId(index), port, link);
+                }
                 self.record_message(at, Source::Client, &[]);
             }
             InputRecord::Message { bytes, .. } if tcp.known(link) == Some(client) => {

@@ -14,7 +14,7 @@ use super::{Bench, DriveId, Ended, Outlet};
 use crate::line::fault_rules::Content;
 use crate::line::faults::{Disturbance, FrameFaults, LineFaults, Party};
 use crate::record::capture::Source;
-use crate::record::effects::FrameEffects;
+use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::journal::Outcome;
 use crate::scheduler::Phase;
 
@@ -29,6 +29,8 @@ pub(super) struct DisturbedStream {
     pub(super) splitter: Option<Splitter>,
     /// True if a fault has changed the length of a request, so that `splitter` may have a part of a request.
     altered: bool,
+    /// True if a fault has changed the length of the last request.
+    pub(super) has_changed: bool,
     /// Content of the last request, if a fault needs it.
     asked: Option<Content>,
     /// The present reply, on a port with lines of text.
@@ -52,6 +54,7 @@ impl DisturbedStream {
             passed: Vec::new(),
             splitter: framed.then(Splitter::new),
             altered: false,
+            has_changed: false,
             asked: None,
             reply: None,
             on_requests: FrameEffects::NONE,
@@ -183,12 +186,19 @@ impl Bench {
             let Some(bytes) = connection.next().map_err(Ended::Broken)? else { return Ok(None) };
             let (drive, port, framed) = (connection.drive, connection.port, connection.splitter.is_some());
             let altered = connection.disturbed.altered;
+            let rest_of_other =
+                connection.disturbed.splitter.as_ref().is_some_and(|splitter| !splitter.partial().is_empty());
+            connection.disturbed.has_changed = false;
+            let swallowed = FrameEffects::NONE.with(FrameEffect::Swallowed, rest_of_other);
             if framed {
                 self.note_request(client, &bytes);
             }
             let Some(fate) = self.request_fate(client, (drive, port), framed, &bytes) else {
                 if !altered {
                     return Ok(Some(bytes));
+                }
+                if rest_of_other {
+                    self.enter_lost(Outlet::Tcp(drive, port), self.now, &bytes, swallowed);
                 }
                 self.pass(client, &bytes, 1);
                 continue;
@@ -202,8 +212,9 @@ impl Bench {
             }
             let text = fate.apply(STREAM, &bytes);
             let is_whole = is_whole(framed, &bytes, &text.bytes);
-            if fate.lost || fate.is_closing() || !is_whole {
-                self.enter_lost(Outlet::Tcp(drive, port), self.now, &bytes, effects);
+            if fate.lost || fate.is_closing() || !is_whole || rest_of_other {
+                let swallowed = if fate.lost { FrameEffects::NONE } else { swallowed };
+                self.enter_lost(Outlet::Tcp(drive, port), self.now, &bytes, effects.and(swallowed));
             }
             if let Some(part) = fate.closes_after(&text.bytes) {
                 // The drive ignores a part of a request.
@@ -212,7 +223,8 @@ impl Bench {
             }
             if let Some(connection) = self.connections.all.get_mut(&client) {
                 let stream = &mut connection.disturbed;
-                stream.altered |= !fate.lost && !is_whole;
+                stream.has_changed = !fate.lost && !is_whole;
+                stream.altered |= stream.has_changed;
                 if !fate.lost {
                     stream.on_requests = stream.on_requests.and(effects);
                     stream.on_copy = if fate.twice { effects } else { FrameEffects::NONE };

@@ -201,7 +201,9 @@ impl Bench {
                 InputRecord::RxError { port }
             };
             match number {
-                Some(number) => EventKind::MayCollide { input, number },
+                Some(number) => {
+                    EventKind::MayCollide { input, number, overheard: matches!(origin, Origin::Drive(..)) }
+                }
                 None => origin.carries(input),
             }
         };

@@ -264,8 +264,8 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
     } else {
         message.request(spec)
     };
-    if is_stored(spec, entry) {
-        // The line neither reads nor writes a register before the program runs.
+    if is_stored(spec, entry) || entry.outcome == Outcome::NoMessage(NoMessage::Disconnected) {
+        // A stored line neither reads nor writes a register before the program runs, and a part of a line never does.
         request.registers.clear();
     }
     let (verdict, reason) = match entry.outcome {
@@ -421,6 +421,7 @@ fn no_message(bytes: &[u8], why: NoMessage) -> String {
     match why {
         NoMessage::NoColon => "a message in Modbus ASCII begins with a colon".to_owned(),
         NoMessage::NextColon => "a colon begins the next message before the end of this one".to_owned(),
+        NoMessage::Disconnected => "the client disconnected before the end of the message".to_owned(),
         NoMessage::Header(why) => {
             let (name, allowed, place) = match why {
                 Broken::Protocol => ("protocol identifier", "not 0", 2),

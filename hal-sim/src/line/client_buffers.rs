@@ -119,6 +119,24 @@ impl ClientState {
         arrival.is_some() && length < end
     }
 
+    /// The first `length` waiting bytes.
+    pub(crate) fn first(&self, length: usize) -> Vec<u8> {
+        self.bytes.iter().take(length).copied().collect()
+    }
+
+    /// The waiting bytes up to the first silence that may be as long as `needs`.
+    pub(crate) fn sent_without(&self, needs: Duration) -> Vec<u8> {
+        let mut arrivals = self.arrivals.iter().peekable();
+        let mut length = 0;
+        while let Some(arrival) = arrivals.next() {
+            length += arrival.count;
+            if arrivals.peek().is_none_or(|next| next.latest >= arrival.at + needs) {
+                break;
+            }
+        }
+        self.first(length)
+    }
+
     /// Flags of the first waiting byte.
     pub(crate) fn flags(&self) -> CharFlags {
         self.arrivals.front().map(|arrival| arrival.flags).unwrap_or_default()

@@ -148,6 +148,8 @@ pub(crate) struct SerialLine {
     pub(crate) claimed: bool,
     /// Begin and end of the last noise that followed a reply.
     pub(crate) noise_of_reply: (Instant, Instant),
+    /// End of the last noise that followed a reply and is in the journal.
+    pub(crate) noise_entered: Instant,
     /// Effects of faults on the present frame, or on the present line of text.
     pub(crate) on_request: FrameEffects,
     /// The missing silence before the present frame, if it was too early.
@@ -253,6 +255,7 @@ impl SerialLine {
             strayed: false,
             claimed: false,
             noise_of_reply: (Instant::ZERO, Instant::ZERO),
+            noise_entered: Instant::ZERO,
             on_request: FrameEffects::NONE,
             on_early: None,
             has_ended: true,

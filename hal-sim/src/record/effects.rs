@@ -27,13 +27,15 @@ pub enum FrameEffect {
     WithNoise,
     /// The frame itself is `noise`.
     IsNoise,
+    /// The drive takes the frame for the rest of a truncated one.
+    Swallowed,
     /// The frame overlapped other characters on the line, which is no fault.
     Collided,
 }
 
 impl FrameEffect {
     /// All effects, with their words in a sentence about a frame.
-    const ALL: [(Self, &'static str); 12] = [
+    const ALL: [(Self, &'static str); 13] = [
         (Self::Dropped, "was dropped"),
         (Self::Muted, "was not delivered"),
         (Self::Truncated, "was truncated"),
@@ -45,6 +47,7 @@ impl FrameEffect {
         (Self::Closed, "was cut off by the end of the connection"),
         (Self::WithNoise, "had noise beside it"),
         (Self::IsNoise, "was noise"),
+        (Self::Swallowed, "was taken for the rest of the one before"),
         (Self::Collided, "collided"),
     ];
 }

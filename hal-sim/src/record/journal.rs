@@ -62,6 +62,8 @@ pub enum NoMessage {
     NextColon,
     /// A header that no Modbus/TCP message has. The connection is closed.
     Header(Broken),
+    /// The client disconnected before the end of the message.
+    Disconnected,
 }
 
 /// A message with its outcome.

@@ -314,6 +314,21 @@ impl Reception {
         self.ports.get(usize::from(port.0)).is_some_and(|port| !port.part.is_empty())
     }
 
+    /// The entry of the incomplete line of a connection whose client has left.
+    pub(crate) fn unfinished(&mut self, number: Port, link: Link) -> Option<Entry> {
+        let port = self.ports.get_mut(usize::from(number.0))?;
+        if port.link != link {
+            let place = port.others.iter().position(|(other, _)| *other == link)?;
+            let present = mem::replace(&mut port.part, port.others.swap_remove(place).1);
+            if !present.is_empty() {
+                port.others.push((port.link, present));
+            }
+            port.link = link;
+        }
+        let is_typed = port.part.unreadable > 0 || !last_line(port.framing, &port.part.bytes).is_empty();
+        is_typed.then(|| port.cut_off(number, Outcome::NoMessage(NoMessage::Disconnected)))
+    }
+
     /// Forgets the incomplete line of a connection.
     pub(super) fn closed(&mut self, port: Port, link: Link) {
         let Some(port) = self.ports.get_mut(usize::from(port.0)) else { return };

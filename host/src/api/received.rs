@@ -28,8 +28,8 @@ pub(super) struct ReceivedParameters {
     register: Option<String>,
 }
 
-/// The latest messages that a drive has received, the oldest first, and those of its shared line that were for no
-/// drive or corrupt.
+/// The latest messages that a drive has received, in the order in which their outcomes became known, and those of its
+/// shared line that were for no drive or corrupt.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Received {
     requests: Vec<ReceivedRequest>,
@@ -52,7 +52,7 @@ struct ReceivedStatistics {
 #[derive(Serialize, ToSchema)]
 struct LineStatistics {
     requests: u64,
-    /// Number of requests that were too early: without a silence of t3.5 before or after them.
+    /// Number of requests that were too early: without a silence of t3.5 before them.
     early: u64,
     /// Number of requests that repeat the request before them, which had no answer.
     retries: u64,
@@ -221,7 +221,7 @@ impl From<bench::Counts> for Counts {
 /// The latest messages that a drive has received, with their outcomes.
 #[utoipa::path(get, path = "/api/drives/{name}/received",
     params(
-        ("since" = Option<f64>, Query, description = "only messages that ended at this bench time or later, in seconds"),
+        ("since" = Option<f64>, Query, description = "only messages from the first one that ended at this bench time or later, in seconds"),
         ("function" = Option<u8>, Query, description = "only requests with this Modbus function"),
         ("register" = Option<String>, Query, description = "only requests that read or write this register"),
     ),

@@ -146,6 +146,12 @@ impl Splitter {
         adu_length(&self.buffer).is_err().then_some(&self.buffer)
     }
 
+    /// The first part of an ADU whose rest is missing; empty if there is none.
+    #[must_use]
+    pub fn partial(&self) -> &[u8] {
+        if adu_length(&self.buffer) == Ok(self.buffer.len()) { &[] } else { &self.buffer }
+    }
+
     /// Removes the next whole ADU from the front of `segment` and returns it; `None` when the segment is used
     /// up. An ADU that is completely in the segment is not copied.
     ///
@@ -228,8 +234,13 @@ mod tests {
         assert_eq!(parse(&longest), Some((HEADER, &[0x5A; 253][..])));
         for cut in 0..=260 {
             let (front, rest) = longest.split_at(cut);
-            let split = split(&mut Splitter::new(), [front, rest]);
-            assert_eq!(split, (Vec::from([longest.to_vec()]), None), "cut at {cut}");
+            let mut splitter = Splitter::new();
+            let in_two = split(&mut splitter, [front, rest]);
+            assert_eq!(in_two, (Vec::from([longest.to_vec()]), None), "cut at {cut}");
+            assert_eq!(splitter.partial(), [], "cut at {cut}");
+            let mut splitter = Splitter::new();
+            let _ = split(&mut splitter, [front]);
+            assert_eq!(splitter.partial(), if cut < 260 { front } else { &[] }, "cut at {cut}");
         }
     }
 

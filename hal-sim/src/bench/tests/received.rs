@@ -425,7 +425,7 @@ fn a_bench_without_journals_keeps_nothing() {
     bench.set_strict(bus, true);
     bench.send(client, &[&read[..], &read].concat());
     bench.run_until_idle();
-    assert_eq!(bench.early_requests(bus).count, 2);
+    assert_eq!(bench.early_requests(bus).count, 1);
     assert_eq!(bench.ask(x, &read).len(), 7);
     assert_eq!((bench.received(x).messages().count(), bench.received_count()), (0, 0));
 }
@@ -1431,4 +1431,185 @@ fn a_request_to_an_rs_drive_that_restarts_has_an_entry() {
     let words = words(&bench, x);
     assert_eq!(words.len(), 2, "{words:#?}");
     assert!(words[1].starts_with("rs485 <- read SLAVE_ADDRESS_MODBUS -> starting for "), "{words:#?}");
+}
+
+/// What the other drives hear of a reply is no request, also beside noise, copies and other clients; what a client sends
+/// behind a reply has an entry.
+#[test]
+fn a_reply_on_a_line_with_collisions_is_no_request() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let rule = |direction| FaultRule::ALL.direction(direction);
+    let noise = |direction| LineFaults { noise: rule(direction), ..LineFaults::NONE };
+    let twice = LineFaults { duplicate: rule(Direction::Reply), ..LineFaults::NONE };
+    let junk: Vec<u8> = (40..70).collect();
+    let (none, to_y) = (LineFaults::NONE, rtu::read(2, 0, 1));
+    let mut collided = 0;
+    for faults in [none, noise(Direction::Request), noise(Direction::Reply), twice] {
+        for (text, wait) in (0..40).flat_map(|wait| [(&junk[..], wait), (&[][..], wait), (&to_y, wait)]) {
+            let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+            let bus = bench.bus(x, Port(0)).unwrap();
+            bench.set_collisions(bus, true);
+            bench.set_line_faults(bus, faults);
+            let [a, b] = [(); 2].map(|()| bench.connect(bus));
+            bench.send(a, &rtu::read(1, 0, 1));
+            bench.run_until(bench.now() + Duration::millis(wait));
+            bench.send(b, text);
+            bench.run_until(bench.now() + Duration::millis(300));
+            let all: Vec<_> = [x, y].into_iter().flat_map(|drive| words(&bench, drive)).collect();
+            assert!(
+                !all.iter().any(|words| words.contains("nobody here")),
+                "{faults:?} {wait} {text:?}: {all:#?}"
+            );
+            let is_asked = |message: &crate::bench::ReceivedMessage| {
+                message.bytes.windows(text.len().max(1)).any(|part| part == text)
+            };
+            let requests = [x, y].map(|drive| bench.received(drive).messages().filter(is_asked).count());
+            if !text.is_empty() {
+                assert!(requests != [0, 0], "{faults:?} {wait} {text:02X?}: {all:#?}");
+            }
+            let has = |what: &str| all.iter().any(|words| words.contains(what));
+            if has("had noise beside it") && !has("collision") {
+                let noises = all.iter().filter(|words| words.ends_with("the request was noise")).count();
+                // Each is in the lists of both drives.
+                assert!(noises >= 2, "{faults:?} {wait} {text:02X?}: {all:#?}");
+            }
+            collided += usize::from(has("collision"));
+        }
+    }
+    assert!(collided > 50, "{collided}");
+}
+
+/// On a line with collisions an outcome may become known later than that of a message that ended after it. Whoever asks
+/// with the newest end that it has seen misses nothing.
+#[test]
+fn asking_since_the_newest_end_misses_nothing() {
+    let mut back = 0;
+    for wait in 0..60 {
+        let (mut bench, x, y) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+        let bus = bench.bus(x, Port(0)).unwrap();
+        bench.set_collisions(bus, true);
+        let delay = Duration::millis(60);
+        bench.set_line_faults(
+            bus,
+            crate::line::faults::LineFaults { delay, ..crate::line::faults::LineFaults::NONE },
+        );
+        let [a, b, c, d] = [(); 4].map(|()| bench.connect(bus));
+        let (mut newest, mut seen) = (Instant::ZERO, Vec::new());
+        for step in 0..300 {
+            match step - wait {
+                _ if step == 0 => bench.send(a, &rtu::read(1, 0, 1)),
+                0 => [b, c].into_iter().for_each(|client| bench.send(client, &rtu::read(2, 0, 1))),
+                20 => bench.send(d, &rtu::read(2, 0, 1)),
+                _ => {}
+            }
+            bench.run_until(bench.now() + Duration::millis(1));
+            for message in bench.received(y).since(newest).messages() {
+                newest = newest.max(message.at);
+                if !seen.contains(&message.number) {
+                    seen.push(message.number);
+                }
+            }
+        }
+        let all: Vec<_> = bench.received(y).messages().collect();
+        assert_eq!(seen, all.iter().map(|message| message.number).collect::<Vec<_>>(), "{wait}");
+        back += usize::from(!all.is_sorted_by_key(|message| message.at));
+    }
+    assert!(back > 10, "{back}");
+}
+
+/// After a truncated request the drive takes the next one for its rest: that one has an entry, and so have the bytes at
+/// which the stream is no longer Modbus/TCP.
+#[test]
+fn what_a_broken_stream_takes_has_an_entry() {
+    use crate::line::faults::{Direction, FaultRule, LineFaults};
+    let (mut executed, mut other) = (0, 0);
+    for seed in 0..20 {
+        let mut bench = Bench::with(Settings { seed, ..Settings::default() });
+        let (drive, mcode) = mcode(&mut bench);
+        let modbus = Port(1 - mcode);
+        let truncate = FaultRule::next(1).direction(Direction::Request);
+        bench.set_faults(bench.outlet(drive, modbus), LineFaults { truncate, ..LineFaults::NONE });
+        let client = bench.connect_to(drive, modbus).unwrap();
+        let frame = |transaction, pdu: &[u8]| tcp::frame(tcp::Header { transaction, unit: 255 }, pdu);
+        let write = frame(1, &[16, 0, 0x46, 0, 2, 4, 0, 0, 0, 5]);
+        for request in [&write, &frame(2, &[3, 0, 0x57, 0, 2]), &frame(3, &[3, 0, 0x57, 0, 2])] {
+            bench.send(client, request);
+            bench.run_until_idle();
+        }
+        let words = words(&bench, drive);
+        let lost = "lost; by a fault, the request was";
+        assert_eq!(
+            words[..2],
+            [
+                format!("modbus <- write MR = 5 -> {lost} truncated"),
+                format!("modbus <- read P -> {lost} taken for the rest of the one before"),
+            ],
+            "{seed}"
+        );
+        let is_broken = bench.ended(client).is_some();
+        let broken = words.iter().filter(|words| words.ends_with("; the connection is closed")).count();
+        assert_eq!(broken, usize::from(is_broken), "{seed}: {words:#?}");
+        // The drive has executed what the truncated request and the beginning of the next one are together.
+        let done = words.iter().filter(|words| words.contains("-> done")).count();
+        (executed, other) = (executed + done, other + usize::from(is_broken));
+    }
+    assert!(executed > 3 && other > 10, "{executed}, {other}");
+}
+
+/// What a client leaves incomplete is no message; its entry says so.
+#[test]
+fn a_client_that_disconnects_inside_a_message_has_an_entry() {
+    let left = "the client disconnected before the end of the message";
+    let mut bench = Bench::new();
+    let (drive, mcode) = mcode(&mut bench);
+    let request = tcp::frame(tcp::Header { transaction: 7, unit: 255 }, &[3, 0, 0x57, 0, 2]);
+    for (port, text) in [
+        (1 - mcode, &request[..9]),
+        (1 - mcode, &[&request[..], &request[..3]].concat()),
+        (mcode, b"PR"),
+        (mcode, b"PR VM\rS"),
+        (mcode, b"PR VM\r\n"),
+        (mcode, b"\r\n"),
+        (1 - mcode, &request),
+        (mcode, b""),
+    ] {
+        say(&mut bench, drive, port, text);
+    }
+    let other = bench.connect_to(drive, Port(mcode)).unwrap();
+    let client = bench.connect_to(drive, Port(mcode)).unwrap();
+    for (client, text) in [(client, b"PR "), (other, b"MR ")] {
+        bench.send(client, text);
+        bench.run_until_idle();
+    }
+    bench.disconnect(client);
+    bench.run_until_idle();
+    bench.send(other, b"5\r");
+    bench.run_until_idle();
+    let (read, vm) = ("modbus <- read P -> P = 0", "mcode <- PR VM -> 768000");
+    let expected = [
+        format!("modbus <- 9 bytes 00 07 00 00 00 06 FF 03 00 -> {left}"),
+        read.to_owned(),
+        format!("modbus <- 3 bytes 00 07 00 -> {left}"),
+        format!("mcode <- PR -> {left}"),
+        vm.to_owned(),
+        format!("mcode <- S -> {left}"),
+        vm.to_owned(),
+        read.to_owned(),
+        format!("mcode <- PR -> {left}"),
+        "mcode <- MR 5 -> done".to_owned(),
+    ];
+    assert_eq!(words(&bench, drive), expected);
+    let verdict = bench.received(drive).messages().next().unwrap().exchange.verdict;
+    assert_eq!(verdict, Verdict::BadFrame);
+    assert!(!bench.received(drive).counts().registers.contains_key("S"));
+
+    let (mut bench, x, _) = ready_and(Setup { boot_fast: true, ..Setup::default() });
+    let bus = bench.bus(x, Port(0)).unwrap();
+    let client = bench.connect(bus);
+    bench.send(client, &rtu::read(1, 0, 1)[..5]);
+    bench.disconnect(client);
+    bench.run_until(bench.now() + Duration::millis(50));
+    assert_eq!(words(&bench, x), [format!("rs485 <- 5 bytes 01 03 00 00 00 -> {left}")]);
+    assert_eq!(bench.ask(x, &rtu::read(1, 0, 1)).len(), 7);
+    assert_eq!(words(&bench, x)[1..], ["rs485 <- read DeviceAddress -> DeviceAddress = 1"]);
 }

@@ -530,9 +530,9 @@ mod tests {
             assert_eq!(times(name.as_bytes()), 1, "{name}");
         }
         // Each line is in the file twice: as sent, and as echoed after the greeting. An incomplete line is
-        // written at the end of its connection.
+        // written at the end of its connection, with a comment that says so.
         assert_eq!((times(b"PR P\r\n"), times(b">PR P\r\n")), (2, 1));
-        assert_eq!((times(b"MR 10\r\n"), times(b">MR 10\r\n"), times(b"SL")), (2, 1, 2));
+        assert_eq!((times(b"MR 10\r\n"), times(b">MR 10\r\n"), times(b"SL")), (2, 1, 3));
         assert_eq!((times(b"mbtcp"), times(b"data-text-lines")), (2, 6));
     }
 
