@@ -1,4 +1,4 @@
-//! The bench of a run in the hands of another thread of the process.
+//! Loans of the bench of a run to other threads of the process.
 //!
 //! The thread of the bench lends it between two of its jobs and waits until it comes back, so a loan sees a bench at
 //! rest, and clients see the effect of a loan as a whole, as that of a call of the control API.

@@ -308,22 +308,21 @@ impl Slot {
     /// The entry of a frame on a half-duplex line that has ended, if its characters arrived one by one and the drive
     /// did not receive them.
     pub(crate) fn missed_frame(&mut self, port: Port) -> Option<Entry> {
-        let mut entry = self.state.reception.missed_frame(port)?;
-        if entry.outcome == Outcome::Dropped(DropReason::Starting) {
-            let from = self.receives_from();
-            entry.deaf_for = (from < Instant::NEVER).then(|| from.since(entry.at));
-        }
-        Some(entry)
+        self.state.reception.missed_frame(port).map(|entry| self.with_time_left(entry))
     }
 
     /// The entry of characters with errors on a port with text, when no more follow at once.
     pub(crate) fn unreadable(&mut self, port: Port) -> Option<Entry> {
-        let mut entry = self.state.reception.unreadable(port)?;
+        self.state.reception.unreadable(port).map(|entry| self.with_time_left(entry))
+    }
+
+    /// The entry with the time until the drive receives, if the drive was starting.
+    fn with_time_left(&self, mut entry: Entry) -> Entry {
         if entry.outcome == Outcome::Dropped(DropReason::Starting) {
             let from = self.receives_from();
             entry.deaf_for = (from < Instant::NEVER).then(|| from.since(entry.at));
         }
-        Some(entry)
+        entry
     }
 
     /// Writes a preset to the memory; to be called before the first power-on (PROJECT-6).
