@@ -77,11 +77,17 @@ pub(super) struct Openers {
     pub(super) unseen: bool,
     /// True while bytes of programs that have left may still be unread.
     pub(super) left_wrote: bool,
+    /// True if the event of the counted opening may still follow. It is then the next event of the pty.
+    event_follows: bool,
 }
 
 impl Openers {
     pub(super) fn handle(&mut self, events: &[ReadFlags]) {
         for event in events {
+            let is_counted = std::mem::take(&mut self.event_follows) && event.contains(ReadFlags::OPEN);
+            if is_counted {
+                continue;
+            }
             if event.contains(ReadFlags::MODIFY) {
                 self.wrote = true;
             } else if event.contains(ReadFlags::OPEN) {
@@ -103,14 +109,18 @@ impl Openers {
 
     /// Sets whether a program has the pty open. It counts as a new program if `was_closed` (no known program
     /// had the pty open), or if a program with write access has closed the pty meanwhile. The events do not
-    /// show which opening was that of this process.
+    /// show which opening was that of this process. The pty is open a little before the event of that opening,
+    /// so a new program without an event of its own may still cause one.
     pub(super) fn set_present(&mut self, is_open: bool, was_closed: bool, events: &[ReadFlags]) {
+        let openings = events.iter().filter(|event| event.contains(ReadFlags::OPEN)).count();
         let closed = events.iter().rposition(|event| event.contains(ReadFlags::CLOSE_WRITE));
         let before = closed.and_then(|last| events.get(..last)).unwrap_or_default();
+        let changed = is_open && (was_closed || closed.is_some());
         *self = Self {
             count: is_open.into(),
             wrote: is_open,
-            changed: is_open && (was_closed || closed.is_some()),
+            changed,
+            event_follows: changed && openings < 2,
             left_wrote: is_open && before.iter().any(|event| event.contains(ReadFlags::MODIFY)),
             ..Self::default()
         };
@@ -158,6 +168,17 @@ mod tests {
         assert!(openers.changed && openers.left_wrote && openers.wrote);
         openers.set_present(true, false, &[OPEN, WRITE, ReadFlags::CLOSE_NOWRITE]);
         assert!(!openers.changed && !openers.left_wrote && openers.wrote);
+        // The event of the new program's opening comes late.
+        openers.set_present(true, true, &[OPEN, ReadFlags::CLOSE_NOWRITE]);
+        openers.handle(&[OPEN]);
+        openers.note();
+        openers.handle(&[WRITE, CLOSE, OPEN]);
+        assert!(openers.changed && openers.left_wrote && !openers.wrote);
+        // The system has merged it with that of this process.
+        openers.set_present(true, true, &[OPEN, ReadFlags::CLOSE_NOWRITE]);
+        openers.note();
+        openers.handle(&[WRITE, OPEN, CLOSE]);
+        assert!(!openers.changed && openers.wrote);
         // Two programs that have the pty open at once, like a shell's `cat` and `echo`, count as one.
         assert_eq!(state_after(&[OPEN, WRITE, CLOSE]), (false, true, false));
     }
