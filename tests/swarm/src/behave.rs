@@ -200,7 +200,9 @@ impl Runner<'_> {
             let lines = format!("VA {USER_VARIABLE}\r{USER_VARIABLE}={variable}\rPR {USER_VARIABLE}\r");
             self.mcode(name, &lines, variable)?;
         }
-        self.save(name, block, &values, &mut rng)?;
+        if !self.save(name, block, &values, &mut rng)? {
+            return Ok(());
+        }
         let address = self.addresses.get(name).copied();
         let saved = Saved { address, values, rows: self.saved_rows(seat) };
         // If the drive loses its address, the factory's address may be that of another drive on its line.
@@ -210,6 +212,9 @@ impl Runner<'_> {
         } else {
             vec![saved]
         };
+        if may_be.is_empty() {
+            return Ok(());
+        }
         self.bench.power(seat, PowerAction::Off);
         self.pass(10.millis())?;
         let since = (self.bench.trace().mark(), self.bench.now());
@@ -230,7 +235,8 @@ impl Runner<'_> {
     }
 
     /// Sets other registers and saves until power fails: at any byte of a save, before its first byte or
-    /// after its last one. Returns what the drive may then have saved.
+    /// after its last one. Returns what the drive may then have saved; nothing if an input keeps the drive from
+    /// saving.
     fn save_until_cut(
         &mut self,
         name: Name,
@@ -253,7 +259,7 @@ impl Runner<'_> {
         }
         // If a save is a single store, the power failure may be delayed to the next save. That happens to
         // half of them.
-        let mut last = Ok(());
+        let mut last = Ok(true);
         for _ in 0..64 {
             let values = self.values(name, block, rng);
             let new = Saved { address: old.address, values, rows: self.saved_rows(seat) };
@@ -261,16 +267,19 @@ impl Runner<'_> {
             // Power may fail before the answer is complete.
             last = self.save(name, block, &new.values, rng);
             if last.as_ref().is_err_and(|failure| failure.what == TOO_MUCH) {
-                return last.map(|()| Vec::new());
+                return last.map(|_| Vec::new());
             }
             if !self.bench.powered(seat) {
-                let rows = compared_rows(spec).map(|(_, row)| (row.name, row.reset & saved_bits(row)));
+                let rows = self.rows_to_compare(seat).map(|(_, row)| (row.name, row.reset & saved_bits(row)));
                 let factory = family.factory().map(|values| Saved {
                     address: old.address.map(|_| FACTORY_ADDRESS),
                     values: values.to_vec(),
                     rows: rows.collect(),
                 });
                 return Ok([new, old].into_iter().chain(factory).collect());
+            }
+            if last == Ok(false) {
+                return Ok(Vec::new());
             }
             old = new;
         }
@@ -289,10 +298,18 @@ impl Runner<'_> {
         }
     }
 
-    /// [`compared_rows`] of a drive by name, with only the bits that are saved.
+    /// [`compared_rows`] without those that an input of this drive may change.
+    fn rows_to_compare(&self, seat: DriveId) -> impl Iterator<Item = (usize, &'static Row)> + use<> {
+        let spec = self.bench.spec(seat);
+        let has_wired_inputs = self.has_wired_inputs(self.bench.name(seat));
+        compared_rows(spec)
+            .filter(move |(_, row)| !has_wired_inputs || !Family::of(spec.kind).changes_by_inputs(row.name))
+    }
+
+    /// [`rows_to_compare`](Self::rows_to_compare) by name, with only the bits that are saved.
     fn saved_rows(&self, seat: DriveId) -> Rows {
         let value = |(place, row)| (row, self.bench.peek(seat, place));
-        let rows = compared_rows(self.bench.spec(seat)).map(value);
+        let rows = self.rows_to_compare(seat).map(value);
         rows.map(|(row, value)| (row.name, value & saved_bits(row))).collect()
     }
 
@@ -301,9 +318,11 @@ impl Runner<'_> {
         let spec = self.bench.spec(seat);
         let family = Family::of(spec.kind);
         let blocks = family.blocks();
+        let has_wired_inputs = self.has_wired_inputs(self.bench.name(seat));
         let is_steady = |row: &Row| {
             (row.saved != 0 || blocks.iter().any(|block| block.contains(row.address)))
                 && !family.changes_by_itself(row.address)
+                && !(has_wired_inputs && family.changes_by_inputs(row.name))
         };
         let rows = dialect::settable(spec).filter(|(_, row)| is_steady(row));
         rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & saved_bits(row))).collect()
@@ -371,9 +390,10 @@ impl Runner<'_> {
         values
     }
 
-    /// Writes a block and saves it.
-    fn save(&mut self, name: Name, block: Block, values: &[u32], rng: &mut Rng) -> Result<(), Failure> {
-        let Some(family) = self.family(name) else { return Ok(()) };
+    /// Writes a block and saves it. Returns false if an input moves the drive, which therefore does not save.
+    fn save(&mut self, name: Name, block: Block, values: &[u32], rng: &mut Rng) -> Result<bool, Failure> {
+        let Some(family) = self.family(name) else { return Ok(true) };
+        let mut is_saved = true;
         if family == Family::Qsb {
             let client = self.qsb_terminal(name)?;
             // COMMAND 3 (command list) saves.
@@ -390,10 +410,12 @@ impl Runner<'_> {
             if let Some((register, value)) = family.save() {
                 let block = Block { first: register, count: 1 };
                 let write = writing(family, block, &[value.into()], rng);
-                self.exchange(name, &write, rng)?;
+                let refusal = family.refuses_to_save().filter(|_| self.has_wired_inputs(name));
+                is_saved = self.exchange_or_refusal(name, &write, refusal, rng)?;
             }
         }
-        self.pass(100.millis())
+        self.pass(100.millis())?;
+        Ok(is_saved)
     }
 
     /// Reads a block and fails if it does not hold these values.
@@ -411,7 +433,19 @@ impl Runner<'_> {
 
     /// Sends requests as one burst, split at random. Expects their replies and nothing else.
     fn exchange(&mut self, name: Name, asked: &[Exchange], rng: &mut Rng) -> Result<(), Failure> {
-        let Some(seat) = self.bench.find_drive(name) else { return Ok(()) };
+        self.exchange_or_refusal(name, asked, None, rng).map(|_| ())
+    }
+
+    /// Like [`exchange`](Self::exchange). Returns false if the drive refused the first request with the
+    /// exception code `refusal` instead.
+    fn exchange_or_refusal(
+        &mut self,
+        name: Name,
+        asked: &[Exchange],
+        refusal: Option<u8>,
+        rng: &mut Rng,
+    ) -> Result<bool, Failure> {
+        let Some(seat) = self.bench.find_drive(name) else { return Ok(true) };
         let before = self.line_rows(name, &[name]);
         let client =
             self.bench.connect_to(seat, MODBUS).map_err(|error| Failure::new("nobody let in", error))?;
@@ -420,6 +454,7 @@ impl Runner<'_> {
         let request: Vec<u8> = asked.iter().enumerate().flat_map(|(n, (ask, _))| framed(n, ask)).collect();
         let expected: Vec<u8> =
             asked.iter().enumerate().flat_map(|(n, (_, reply))| framed(n, reply)).collect();
+        let refused = refusal.zip(asked.first()).map(|(code, (ask, _))| framed(0, &[ask[0] | 0x80, code]));
         let mut rest = &request[..];
         while !rest.is_empty() {
             let (piece, behind) =
@@ -432,8 +467,12 @@ impl Runner<'_> {
         let heard = self.hear(client, expected.len(), LONGEST_REPLY)?;
         self.bench.disconnect(client);
         self.happened.answered += asked.len() as u64;
-        judge(name, &request, &expected, &heard)?;
-        unchanged(&before, &self.line_rows(name, &[name]))
+        let is_refused = refused.is_some_and(|refused| refused == heard);
+        if !is_refused {
+            judge(name, &request, &expected, &heard)?;
+        }
+        unchanged(&before, &self.line_rows(name, &[name]))?;
+        Ok(!is_refused)
     }
 
     /// Sends what no drive may answer: noise, a frame with a wrong checksum, characters with the wrong parity,

@@ -175,6 +175,17 @@ impl Family {
         }
     }
 
+    /// Returns true if a drive changes a saved register when an input changes: IN1 of an RS drive starts its
+    /// motor, which copies OFFSET_CONST to OFFSET, and OFFSET then changes during the motion (RS 5015h, 5017h).
+    pub(crate) fn changes_by_inputs(self, name: &str) -> bool {
+        self == Self::Rs434 && name == "OFFSET"
+    }
+
+    /// Exception code of a drive that does not save because an input moves it: an MDrive in motion (MC error 73).
+    pub(crate) fn refuses_to_save(self) -> Option<u8> {
+        (self == Self::Mdrive).then_some(4)
+    }
+
     /// A time longer than from power-on to the drive's first answer: MD3 4, RS434-9, MDROBOT-11, QSB-6. A
     /// Hybrid calibrates for 3.12 s (MC 5-9).
     pub(crate) fn boot(self) -> Duration {

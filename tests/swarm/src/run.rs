@@ -269,6 +269,16 @@ impl Runner<'_> {
         Some(Family::of(self.bench.spec(self.bench.find_drive(name)?).kind))
     }
 
+    /// Returns true if a wire, a switch or an encoder may change an input of a drive at any time.
+    pub(crate) fn has_wired_inputs(&self, name: &str) -> bool {
+        let layout = &self.layout;
+        let wires = layout.wires.iter().map(|wire| wire.to);
+        let switches = layout.switches.iter().map(|switch| switch.to);
+        let encoders =
+            layout.encoders.iter().flat_map(|encoder| [encoder.a, encoder.b, encoder.index]).flatten();
+        wires.chain(switches).chain(encoders).any(|(drive, _)| layout.drives[drive].name == name)
+    }
+
     fn say(&mut self, who: Who, bytes: &[u8]) {
         let Some(seat) = self.bench.find_drive(who.drive) else { return };
         // Every drive on the same line may receive these bytes and save values.
