@@ -1,7 +1,9 @@
 //! A board, and the loop that runs a drive on it.
 
+use core::convert::Infallible;
 use core::marker::PhantomData;
 
+use drivetwin_control::Refused;
 use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Spec};
 use drivetwin_firmware::motion::PlanLoader;
 use drivetwin_firmware::shell::{BoardEvent, Inputs, Links, Shell};
@@ -10,6 +12,7 @@ use embedded_storage::Storage;
 use crate::axis::{Axis, Timer};
 use crate::board_outputs::{BoardOutputs, Release};
 use crate::bus::{Sender, Uart};
+use crate::cable::Cable;
 use crate::slips;
 use crate::wire::{AxisPins, End, is_full_duplex};
 
@@ -23,6 +26,8 @@ pub trait Board {
     type Uart: Uart;
     /// The step timer.
     type Timer: Timer + 'static;
+    /// The USB cable; [`NoCable`](crate::NoCable) on a board without one.
+    type Cable: Cable;
 
     /// The axis.
     fn axis() -> &'static Axis<Self::Timer>;
@@ -54,6 +59,30 @@ pub trait Board {
 
     /// Feeds the watchdog.
     fn feed();
+
+    /// The cable. Called once, after [`start`](Self::start).
+    fn cable() -> Self::Cable;
+
+    /// Name of a kind of drive that the board can be, by its number from 0 on; `None` behind the last one.
+    fn kind(_number: u8) -> Option<&'static str> {
+        None
+    }
+
+    /// Stores that the board is a drive of this kind from its next start on, and starts the board again.
+    ///
+    /// # Errors
+    /// The board cannot be a drive of this kind, or the flash does not take the choice.
+    fn choose(_kind: &str) -> Result<Infallible, Refused> {
+        Err(Refused::NotHere)
+    }
+
+    /// Starts the boot loader, which takes a new image.
+    ///
+    /// # Errors
+    /// The board has none that it can start.
+    fn start_boot_loader() -> Result<Infallible, Refused> {
+        Err(Refused::NotHere)
+    }
 
     /// Sleeps until an event is queued, the bus has room again, or `deadline` has [passed](Self::past).
     fn sleep_until(deadline: Instant);

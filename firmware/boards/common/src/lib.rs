@@ -11,6 +11,7 @@ mod board;
 mod board_outputs;
 mod boot;
 mod bus;
+mod cable;
 mod flash;
 #[cfg(feature = "network")]
 mod long;
@@ -31,6 +32,7 @@ pub use axis::{Axis, Timer};
 pub use board::{Board, is_awake, made, run, sleep_until};
 pub use board_outputs::{BoardOutputs, Bus, Release};
 pub use bus::{Sender, SerialBus, Uart};
+pub use cable::{Cable, CablePort, NoCable};
 pub use flash::{Flash, Sectors};
 pub use output::{Gpio, Output};
 pub use pl011::{Pl011, Pl011Uart};

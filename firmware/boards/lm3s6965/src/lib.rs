@@ -30,7 +30,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::{ExceptionFrame, exception};
-use drivetwin_board::{Axis, Board, End, Output, Queue, made};
+use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, made};
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 use lm3s6965::Interrupt;
@@ -111,6 +111,7 @@ impl Board for Evaluation {
     type Pin = Output<Wired>;
     type Uart = Uart0;
     type Timer = Steps;
+    type Cable = NoCable;
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
@@ -161,6 +162,10 @@ impl Board for Evaluation {
 
     fn feed() {
         watchdog::feed();
+    }
+
+    fn cable() -> NoCable {
+        NoCable
     }
 
     fn sleep_until(deadline: Instant) {

@@ -40,7 +40,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, made};
+use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 use rp2040_pac::Interrupt;
@@ -93,6 +93,7 @@ impl Board for Pico {
     type Pin = Output<Pins>;
     type Uart = Uart0;
     type Timer = Steps;
+    type Cable = NoCable;
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
@@ -151,6 +152,10 @@ impl Board for Pico {
 
     fn feed() {
         watchdog::feed();
+    }
+
+    fn cable() -> NoCable {
+        NoCable
     }
 
     #[inline(never)]

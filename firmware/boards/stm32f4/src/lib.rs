@@ -43,7 +43,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, made};
+use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
 use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 
@@ -95,6 +95,7 @@ impl Board for BlackPill {
     type Pin = Output<Gpio>;
     type Uart = Usart1;
     type Timer = Steps;
+    type Cable = NoCable;
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
@@ -158,6 +159,10 @@ impl Board for BlackPill {
 
     fn feed() {
         watchdog::feed();
+    }
+
+    fn cable() -> NoCable {
+        NoCable
     }
 
     #[inline(never)]
