@@ -1,0 +1,4 @@
+//! A drive on a board with a cable: the computer's calls, the port of the bus, and the trace.
+#![allow(missing_docs, reason = "a test")]
+
+mod bus_port;
