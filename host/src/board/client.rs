@@ -196,8 +196,8 @@ impl Client {
         let thread = std::thread::Builder::new().name("board".into());
         let thread = thread.spawn(move || {
             let mut worker = worker;
-            while worker.serve(&mut connected).is_some()
-                && let Some(next) = worker.connect_again(&connected)
+            while let Some(end) = worker.serve(connected)
+                && let Some(next) = worker.connect_again(end)
             {
                 connected = next;
             }
@@ -234,6 +234,9 @@ struct Connected {
     /// Time of the board in its last state.
     at: u64,
 }
+
+/// The base of a session that has ended, and the time of its last report.
+type End = (u64, Instant);
 
 /// Number of the questions of the thread.
 const OWN: u16 = 0;
@@ -356,8 +359,8 @@ impl Worker {
         let _ = rustix::io::read(&self.shared.waker, &mut [0; 8]);
     }
 
-    /// Serves a connection until it breaks. Returns `None` if the client ends.
-    fn serve(&mut self, connected: &mut Connected) -> Option<()> {
+    /// Serves a connection until it breaks, and closes it. Returns `None` if the client ends.
+    fn serve(&mut self, mut connected: Connected) -> Option<End> {
         let broken = loop {
             if let Err(error) = connected.link.wait(&self.shared.waker, connected.patience()) {
                 break error.to_string();
@@ -389,13 +392,13 @@ impl Worker {
         connected.end(&sentence);
         warn!("{sentence}; it is connected again when it is back");
         (self.sink)(Report::Gone);
-        Some(())
+        Some((connected.session.base, connected.last))
     }
 
     /// Connects the board again when it is there. Returns `None` if the client ends.
-    fn connect_again(&mut self, before: &Connected) -> Option<Connected> {
+    fn connect_again(&mut self, before: End) -> Option<Connected> {
         loop {
-            match open(&mut self.target, self.session + 1, (before.session.base, before.last)) {
+            match open(&mut self.target, self.session + 1, before) {
                 Ok((link, session, state)) => {
                     self.session += 1;
                     info!("the board at {} is back", self.target);
@@ -436,7 +439,7 @@ impl Worker {
 fn open(
     target: &mut Target,
     number: u64,
-    (base, last): (u64, Instant),
+    (base, last): End,
 ) -> Result<(Link, Session, State), String> {
     let port = target.open();
     let link = port.and_then(Link::new);

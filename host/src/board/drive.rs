@@ -38,6 +38,12 @@ impl Drive {
         Self { shared, session, name }
     }
 
+    /// Number of the session in which the drive is known.
+    #[cfg(test)]
+    pub(super) fn session_number(&self) -> u64 {
+        self.session.number
+    }
+
     fn ask(&self, call: Call<'_>) -> Result<Answered, Refusal> {
         self.answer(call).map_err(|failure| self.refusal(failure))
     }

@@ -91,6 +91,16 @@ impl Board {
         self.client.shared.session()
     }
 
+    /// Waits for a session after the one with number `last`.
+    #[cfg(test)]
+    pub(crate) fn wait_for_session_after(
+        &self,
+        last: u64,
+        span: std::time::Duration,
+    ) -> Result<Session, String> {
+        self.client.shared.session_after(last, span)
+    }
+
     /// Name of its drive.
     pub(crate) fn name(&self) -> &str {
         &self.name
