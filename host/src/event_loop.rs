@@ -326,6 +326,15 @@ impl EventLoop {
         Ok(())
     }
 
+    /// Executes the submitted jobs that are left, and moves the clock to `at`, until which a board has reported everything.
+    pub(crate) fn catch_up_with_board(&mut self, at: Instant) {
+        self.inbox.jobs.collect();
+        while let Some(job) = self.inbox.jobs.next() {
+            job(self)();
+        }
+        self.bench.report_time(at);
+    }
+
     /// Completes the files at the present time of the bench. Returns a sentence for each file that is not
     /// complete.
     pub(crate) fn end_files(&mut self) -> Vec<String> {

@@ -436,11 +436,7 @@ impl Worker {
 ///
 /// # Errors
 /// One sentence: there is no board of this version of drivetwin.
-fn open(
-    target: &mut Target,
-    number: u64,
-    (base, last): End,
-) -> Result<(Link, Session, State), String> {
+fn open(target: &mut Target, number: u64, (base, last): End) -> Result<(Link, Session, State), String> {
     let port = target.open();
     let link = port.and_then(Link::new);
     let mut link = link.map_err(|error| format!("{target} cannot be opened: {error}"))?;

@@ -173,7 +173,10 @@ fn a_board_of_another_version_must_be_flashed_again() {
     for (of, expected) in [
         (Hello { version: 9, ..hello("md3") }, "has version 9 of the control protocol"),
         (Hello { tables: 1, ..hello("md3") }, "has the tables of another version of drivetwin"),
-        (Hello { kind: "md9", ..hello("md3") }, "is a drive of a kind that this drivetwin does not know, md9"),
+        (
+            Hello { kind: "md9", ..hello("md3") },
+            "is a drive of a kind that this drivetwin does not know, md9",
+        ),
     ] {
         let fake = Fake::new(move |_, number, _| Act::Send(answer(number, Ok(Answer::Hello(of)))), 1);
         let sentence = fake.attach().0.err().unwrap();
@@ -247,7 +250,11 @@ fn missing_messages_and_lost_events_are_reported() {
         |_, number, call| {
             let mut bytes = Vec::new();
             if let Call::Fault { .. } = call {
-                bytes.extend(events(0, 32_000_000, &[(0, Event::Edge(0, false)), (16, Event::Edge(0, true))]));
+                bytes.extend(events(
+                    0,
+                    32_000_000,
+                    &[(0, Event::Edge(0, false)), (16, Event::Edge(0, true))],
+                ));
                 // The message with the events 2 to 6 is lost on its way.
                 bytes.extend(events(7, 32_001_000, &[(0, Event::Lost(3)), (0, Event::Edge(200, true))]));
             }

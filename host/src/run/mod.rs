@@ -201,6 +201,12 @@ impl Running {
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");
+        for board in self.boards.values() {
+            // A board that is gone has reported what it will.
+            if let Ok(at) = board.drive().and_then(|drive| drive.now()) {
+                self.event_loop.catch_up_with_board(at);
+            }
+        }
         let mut failures: Vec<String> =
             self.memories.iter().filter_map(|memory| memory.sync().err()).collect();
         failures.extend(self.event_loop.end_files());
