@@ -4,3 +4,4 @@
 mod bus_port;
 mod calls;
 mod golden;
+mod power;
