@@ -447,7 +447,6 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
     /// Switches the drive's power on at `at`: once, or again after [`power_off`](Self::power_off). The board itself has
     /// had power since its clock started.
     pub fn power_on(&mut self, at: Instant, boot: Boot) {
-        self.state.clock_offset = Duration::ZERO;
         self.last_event = at;
         self.device.power_on(self.last_event, boot, &mut self.state);
         self.due = self.device.deadline();
@@ -604,12 +603,12 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
         }
     }
 
-    /// Drops what is to be sent, and all waves.
+    /// Drops what is to be sent, and all waves. The next drive has the board's clock.
     fn power_off(&mut self) {
         self.waves.clear();
         self.messages.clear();
         self.characters.clear();
-        self.dropped_time = Duration::ZERO;
+        (self.dropped_time, self.clock_offset) = (Duration::ZERO, Duration::ZERO);
     }
 
     /// Delays the drive's clock if the drive's deadline is handled too late. In this case the drive needs

@@ -37,7 +37,7 @@ impl Rig {
     /// If there is no such kind.
     #[must_use]
     pub fn new(kind: &str, fast: bool) -> Self {
-        Self::with(kind, fast, None)
+        Self::with(kind, Boot { fast, ..Boot::default() }, None)
     }
 
     /// A board whose memory has this content.
@@ -45,14 +45,13 @@ impl Rig {
     /// # Panics
     /// If there is no such kind.
     #[must_use]
-    pub fn with(kind: &str, fast: bool, memory: Option<Vec<u8>>) -> Self {
+    pub fn with(kind: &str, boot: Boot, memory: Option<Vec<u8>>) -> Self {
         hardware::reset();
         let device: &'static mut dyn Device = Box::leak(catalog::make(kind).expect("a known kind"));
         let spec = device.spec();
         let mut memory = memory.unwrap_or_default();
         memory.resize(usize::from(spec.memory), 0xFF);
         let (device, ring) = (Box::leak(Box::new(device)), Box::leak(Box::new([0; TRACE])));
-        let boot = Boot { fast, ..Boot::default() };
         let mut station: Loop = Station::new(device, &ENDS, Flash(memory), None, boot, ring);
         station.start();
         let mut rig = Self { station, spec, partial: Vec::new(), messages: VecDeque::new(), number: 0 };
@@ -77,25 +76,29 @@ impl Rig {
 
     /// Runs the board until `until`, and reads the messages of the board.
     pub fn run_until(&mut self, until: Instant) {
-        self.run_raw(until);
-        self.read_messages();
+        self.run(until, Self::read_messages);
     }
 
     /// Runs the board until `until`.
     pub fn run_raw(&mut self, until: Instant) {
+        self.run(until, |_| {});
+    }
+
+    fn run(&mut self, until: Instant, read: impl Fn(&mut Self)) {
         hardware::set_horizon(until);
-        loop {
-            // Two turns at the end: what the first one does may be work for the second one.
-            let is_last = hardware::now() >= until;
+        // Two turns at the end: what the first one does may be work for the second one.
+        let mut last = 2;
+        while last > 0 {
+            last -= u32::from(hardware::now() >= until);
             self.station.turn();
-            if is_last {
-                self.station.turn();
-                break;
-            }
+            read(self);
         }
     }
 
     fn read_messages(&mut self) {
+        if hardware::unread(CablePort::Control) == 0 {
+            return;
+        }
         let mut bytes = std::mem::take(&mut self.partial);
         bytes.extend(hardware::read(CablePort::Control));
         while let Some(end) = bytes.iter().position(|byte| *byte == 0) {

@@ -2,3 +2,6 @@
 #![allow(missing_docs, reason = "a test")]
 
 mod bus_port;
+mod calls;
+mod golden;
+mod power;

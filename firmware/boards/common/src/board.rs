@@ -95,7 +95,7 @@ pub trait Board {
 }
 
 /// The inputs of a board.
-struct BoardInputs<B>(PhantomData<B>);
+pub(crate) struct BoardInputs<B>(pub(crate) PhantomData<B>);
 
 impl<B: Board> Inputs for BoardInputs<B> {
     fn now(&self) -> Instant {
@@ -103,16 +103,12 @@ impl<B: Board> Inputs for BoardInputs<B> {
     }
 
     fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
-        B::next_event(until).or_else(|| left_on_board::<B>(until))
+        let first = B::next_event(until);
+        if first.is_none() && B::is_quiet() {
+            B::tell_missed();
+        }
+        first.or_else(|| slips::untold().map(|slipped| (until, slipped)))
     }
-}
-
-/// An input of a board on which no event is queued up to `until`.
-pub(crate) fn left_on_board<B: Board>(until: Instant) -> Option<(Instant, BoardEvent)> {
-    if B::is_quiet() {
-        B::tell_missed();
-    }
-    slips::untold().map(|slipped| (until, slipped))
 }
 
 /// The outputs of a board.

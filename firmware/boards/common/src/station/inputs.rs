@@ -11,7 +11,7 @@ use super::Events;
 use super::pins::Pins;
 use super::receiver::Receiver;
 use super::trains::Trains;
-use crate::board::{Board, left_on_board};
+use crate::board::{Board, BoardInputs};
 use crate::bus::Uart;
 use crate::cable::{Cable, CablePort};
 use crate::wire::is_full_duplex;
@@ -32,7 +32,7 @@ pub(crate) struct StationInputs<B> {
     events: Events,
     /// Report of the state at power-on: its time, and the number of the next fault or pin.
     report: Option<(Instant, u8)>,
-    board: PhantomData<B>,
+    board: BoardInputs<B>,
 }
 
 /// Presence of a host at the port, by the wire DTR and by the cable.
@@ -67,7 +67,7 @@ impl<B: Board> StationInputs<B> {
             receiver: Receiver::new(),
             events: Events::new(),
             report: None,
-            board: PhantomData,
+            board: BoardInputs(PhantomData),
         }
     }
 
@@ -231,7 +231,7 @@ impl<B: Board> StationInputs<B> {
 
 impl<B: Board> Inputs for StationInputs<B> {
     fn now(&self) -> Instant {
-        B::past()
+        self.board.now()
     }
 
     fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
@@ -243,14 +243,14 @@ impl<B: Board> Inputs for StationInputs<B> {
                 continue;
             }
             let due = self.due();
-            if let Some((at, event)) = B::next_event(until.min(due)) {
+            if let Some((at, event)) = self.board.next_event(until.min(due)) {
                 match self.from_hardware(event) {
                     None => continue,
                     Some(event) => return Some((at, event)),
                 }
             }
             if due > until {
-                return left_on_board::<B>(until);
+                return None;
             }
             if due == self.events.due() {
                 return self.events.take();

@@ -47,8 +47,9 @@ use crate::board::{Board, hands};
 use crate::bus::Uart;
 use crate::cable::{Cable, CablePort};
 
-/// Number of bytes of the ring for the [trace](drivetwin_control::Events).
-pub const TRACE: usize = 4_096;
+/// Number of bytes of the ring for the [trace](drivetwin_control::Events). A drive with a user program saves 4 KiB at once,
+/// and other events come beside.
+pub const TRACE: usize = 6_144;
 
 /// Number of edges in a second that all trains of pulses and encoders together may have (BOARD-14).
 pub const MOST_EDGES: u64 = 20_000;
