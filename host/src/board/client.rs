@@ -16,7 +16,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant as WallInstant};
 
 use drivetwin_control::{Call, Events, Message, State, VERSION, fingerprint};
-use drivetwin_firmware::device::{Instant, Line, Spec};
+use drivetwin_firmware::device::{Duration as Span, Instant, Line, Spec};
 use drivetwin_sim::catalog;
 use drivetwin_sim::record::trace::Event;
 use rustix::event::{EventfdFlags, PollFd, PollFlags};
@@ -35,8 +35,12 @@ const PATIENCE: Duration = Duration::from_secs(2);
 const ATTEMPTS: u32 = 3;
 const GREETED: Duration = Duration::from_millis(500);
 
-/// Time without a message after which the state of the board is asked for.
+/// Time without a message, and without a state, after which the state of the board is asked for.
 const QUIET: Duration = Duration::from_millis(250);
+const STATED: Duration = Duration::from_secs(1);
+
+/// Greatest time that an event may be ahead of the time that has passed.
+const AHEAD: Span = Span::secs(1);
 
 /// Time between two attempts to connect a board again.
 const RETRY: Duration = Duration::from_millis(250);
@@ -142,7 +146,7 @@ impl Shared {
     /// # Errors
     /// The board refuses it, or the session is over.
     pub(super) fn ask(&self, session: u64, call: Call<'_>) -> Result<Answered, Failure> {
-        let number = self.next_number.fetch_add(1, Ordering::Relaxed);
+        let number = FIRST + self.next_number.fetch_add(1, Ordering::Relaxed) % (u16::MAX - FIRST);
         let (answer, answered) = mpsc::sync_channel(1);
         self.submit(Job::Call { session, number, frame: frame(number, call)?, answer });
         answered.recv().unwrap_or_else(|_| Err(Failure::Away("the board is no longer attached".into())))
@@ -186,8 +190,7 @@ impl Client {
             changed: Condvar::new(),
             jobs: Mutex::new(jobs),
             waker,
-            // The numbers below are those of the thread itself.
-            next_number: AtomicU16::new(1_000),
+            next_number: AtomicU16::new(0),
             ends: AtomicBool::new(false),
         });
         let mut connected = Connected::new(link, session.clone(), state.at);
@@ -229,14 +232,18 @@ struct Connected {
     next_event: Option<u32>,
     /// Time of the last report.
     last: Instant,
-    /// Time of the last message.
+    /// Time of the last message, and of the last state.
     heard: WallInstant,
+    stated: WallInstant,
     /// Time of the board in its last state.
     at: u64,
 }
 
 /// The base of a session that has ended, and the time of its last report.
 type End = (u64, Instant);
+
+/// Least number of a call; those below are for calls of the thread itself.
+const FIRST: u16 = 16;
 
 /// Number of the questions of the thread.
 const OWN: u16 = 0;
@@ -245,7 +252,17 @@ impl Connected {
     fn new(link: Link, session: Session, at: u64) -> Self {
         let queue = VecDeque::new();
         let last = session.began;
-        Self { link, session, queue, pending: None, next_event: None, last, heard: wall(), at }
+        Self {
+            link,
+            session,
+            queue,
+            pending: None,
+            next_event: None,
+            last,
+            heard: wall(),
+            stated: wall(),
+            at,
+        }
     }
 
     /// Takes the next jobs. Returns false if the connection shall end.
@@ -275,7 +292,7 @@ impl Connected {
             self.pending = Some((number, now + PATIENCE, Some(answer)));
             return self.link.write(&frame);
         }
-        if now.saturating_duration_since(self.heard) >= QUIET {
+        if now >= self.question() {
             self.pending = Some((OWN, now + PATIENCE, None));
             let Ok(frame) = frame(OWN, Call::State) else { return Ok(()) };
             return self.link.write(&frame);
@@ -283,9 +300,14 @@ impl Connected {
         Ok(())
     }
 
+    /// Time of the next question about the state.
+    fn question(&self) -> WallInstant {
+        (self.heard + QUIET).min(self.stated + STATED)
+    }
+
     /// Time until something must be done without a message.
     fn patience(&self) -> Duration {
-        let until = self.pending.as_ref().map_or(self.heard + QUIET, |(_, until, _)| *until);
+        let until = self.pending.as_ref().map_or(self.question(), |(_, until, _)| *until);
         until.saturating_duration_since(wall())
     }
 
@@ -294,18 +316,21 @@ impl Connected {
     /// # Errors
     /// The port is gone, or the board has started again.
     fn hear(&mut self, sink: &mut Sink) -> io::Result<()> {
-        let Self { link, session, pending, next_event, last, heard, at, .. } = self;
+        let Self { link, session, pending, next_event, last, heard, stated, at, .. } = self;
+        // The time that has passed since the last message, and more than a clock can be wrong.
+        let passed = u64::try_from(wall().saturating_duration_since(*heard).as_micros()).unwrap_or(u64::MAX);
+        let latest = *last + Span::micros(passed) + AHEAD;
         let mut events: Vec<(Instant, Event)> = Vec::new();
         let (mut states, mut restarted) = (Vec::new(), false);
         link.read(|message| {
             *heard = wall();
             if let Message::Events(of) = message {
-                take_events(session, of, next_event, &mut events);
+                take_events(session, of, latest, next_event, &mut events);
             }
             let Some((number, answer)) = reply(&message) else { return };
             if let Ok(Answered::State(state)) = &answer {
                 restarted |= state.at < *at;
-                *at = state.at;
+                (*at, *stated) = (state.at, wall());
                 states.push(session.time(state.at));
             }
             // An answer that comes too late belongs to nobody.
@@ -337,14 +362,22 @@ impl Connected {
     }
 }
 
-/// Takes events from a message, after [`Event::Missing`] if messages were lost on their way.
-fn take_events(session: &Session, of: Events<'_>, next: &mut Option<u32>, into: &mut Vec<(Instant, Event)>) {
+/// Takes events from a message, after [`Event::Missing`] if messages were lost on their way. An event after `latest` has a
+/// wrong time, and is missing.
+fn take_events(
+    session: &Session,
+    of: Events<'_>,
+    latest: Instant,
+    next: &mut Option<u32>,
+    into: &mut Vec<(Instant, Event)>,
+) {
     if let Some(lost @ 1..) = next.map(|next| report::missing(next, of.number)) {
-        into.push((session.time(of.at), Event::Missing { events: Some(lost) }));
+        into.push((session.time(of.at).min(latest), Event::Missing { events: Some(lost) }));
     }
     let mut number = of.number;
     for (at, event) in of.decode() {
-        into.push((session.time(at), report::entry(session.spec, event)));
+        let (at, entry) = (session.time(at), report::entry(session.spec, event));
+        into.push(if at <= latest { (at, entry) } else { (latest, Event::Missing { events: Some(1) }) });
         number = number.wrapping_add(1);
     }
     *next = Some(number);

@@ -101,7 +101,7 @@ impl Link {
         loop {
             let mut answer = None;
             self.read(|message| {
-                answer = answer.take().or(reply(&message).filter(|(other, _)| *other == number))
+                answer = answer.take().or(reply(&message).filter(|(other, _)| *other == number));
             })
             .map_err(away)?;
             if let Some((_, answer)) = answer {

@@ -257,6 +257,8 @@ fn missing_messages_and_lost_events_are_reported() {
                 ));
                 // The message with the events 2 to 6 is lost on its way.
                 bytes.extend(events(7, 32_001_000, &[(0, Event::Lost(3)), (0, Event::Edge(200, true))]));
+                // An hour that has not passed.
+                bytes.extend(events(9, 3_600 * 16_000_000, &[(0, Event::Edge(0, false))]));
             }
             bytes.extend(usual(number, call, 32_002_000));
             Act::Send(bytes)
@@ -273,6 +275,9 @@ fn missing_messages_and_lost_events_are_reported() {
     let all: Vec<(u64, Entry)> = all.flatten().map(|(at, event)| (at.ticks(), event)).collect();
     let edge = |high| Entry::Input(InputRecord::Edge { pin: drivetwin_firmware::device::Pin(0), high });
     let missing = |events| Entry::Missing { events: Some(events) };
+    let (wrong, all) = all.split_last().unwrap();
+    assert_eq!(wrong.1, missing(1));
+    assert!(wrong.0 < 60 * 16_000_000, "the clock does not follow it");
     let expected = [
         (32_000_000, edge(false)),
         (32_000_016, edge(true)),
