@@ -301,9 +301,9 @@ impl Runner<'_> {
     /// [`compared_rows`] without those that an input of this drive may change.
     fn rows_to_compare(&self, seat: DriveId) -> impl Iterator<Item = (usize, &'static Row)> + use<> {
         let spec = self.bench.spec(seat);
-        let has_wired_inputs = self.has_wired_inputs(self.bench.name(seat));
+        let has_inputs = self.has_inputs(self.bench.name(seat));
         compared_rows(spec)
-            .filter(move |(_, row)| !has_wired_inputs || !Family::of(spec.kind).changes_by_inputs(row.name))
+            .filter(move |(_, row)| !has_inputs || !Family::of(spec.kind).changes_by_inputs(row.name))
     }
 
     /// [`rows_to_compare`](Self::rows_to_compare) by name, with only the bits that are saved.
@@ -318,11 +318,11 @@ impl Runner<'_> {
         let spec = self.bench.spec(seat);
         let family = Family::of(spec.kind);
         let blocks = family.blocks();
-        let has_wired_inputs = self.has_wired_inputs(self.bench.name(seat));
+        let has_inputs = self.has_inputs(self.bench.name(seat));
         let is_steady = |row: &Row| {
             (row.saved != 0 || blocks.iter().any(|block| block.contains(row.address)))
                 && !family.changes_by_itself(row.address)
-                && !(has_wired_inputs && family.changes_by_inputs(row.name))
+                && !(has_inputs && family.changes_by_inputs(row.name))
         };
         let rows = dialect::settable(spec).filter(|(_, row)| is_steady(row));
         rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & saved_bits(row))).collect()
@@ -410,7 +410,7 @@ impl Runner<'_> {
             if let Some((register, value)) = family.save() {
                 let block = Block { first: register, count: 1 };
                 let write = writing(family, block, &[value.into()], rng);
-                let refusal = family.refuses_to_save().filter(|_| self.has_wired_inputs(name));
+                let refusal = family.refuses_to_save().filter(|_| self.has_inputs(name));
                 is_saved = self.exchange_or_refusal(name, &write, refusal, rng)?;
             }
         }
