@@ -113,6 +113,17 @@ fn parts<'a>(
     (block.first..).step_by(most).zip(values.chunks(most)).map(move |(first, values)| (first, words(values)))
 }
 
+/// Noise that begins with an address which no drive has. No beginning of it is a frame by chance, because the rest would then
+/// be a frame of its own, later than the client expects.
+fn noise(free: u8, rng: &mut Rng) -> Vec<u8> {
+    loop {
+        let bytes: Vec<u8> = std::iter::once(free).chain((0..rng.u8(1..40)).map(|_| rng.u8(..))).collect();
+        if (1..=bytes.len()).all(|count| rtu::verify_crc(&bytes[..count]).is_none()) {
+            return bytes;
+        }
+    }
+}
+
 /// Requests that write a block, and their replies (application 6.6, 6.12). A single word is written by
 /// function 6 or 16.
 fn writing(family: Family, block: Block, values: &[u32], rng: &mut Rng) -> Vec<Exchange> {
@@ -490,7 +501,7 @@ impl Runner<'_> {
             // The bench waits this long for the rest of a message that is not complete.
             let mut patience = FRAME_TIMEOUT;
             match rng.u8(..4) {
-                0 => bytes = std::iter::once(free).chain((0..rng.u8(1..40)).map(|_| rng.u8(..))).collect(),
+                0 => bytes = noise(free, rng),
                 1 if is_ascii => {
                     let check = bytes.len() - 3;
                     bytes[check] = if bytes[check] == b'0' { b'1' } else { b'0' };
