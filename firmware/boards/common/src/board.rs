@@ -15,6 +15,7 @@ use crate::bus::{Sender, Uart};
 use crate::cable::Cable;
 use crate::slips;
 use crate::station::{Station, TRACE};
+use crate::tap::Tap;
 use crate::wire::{AxisPins, End, is_full_duplex};
 
 /// A board with one bus, one axis, and pins that are wired to those of a drive.
@@ -204,7 +205,7 @@ pub fn is_awake<B: Board>() -> bool {
     !B::is_quiet()
         || B::Uart::bus().has_room()
         || B::Cable::is_pending()
-        || B::Uart::tap().is_some_and(|tap| tap.count(B::Uart::bus().sends()) > 0)
+        || B::Uart::tap().is_some_and(Tap::has_more)
 }
 
 /// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt. It must schedule an interrupt for

@@ -138,6 +138,7 @@ where
         let line = drive.shell.outputs().line();
         drive.shell.inputs().listen(B::past(), cable, line);
         let Some(tap) = B::Uart::tap() else { return };
+        tap.look();
         let is_read = cable.is_open(CablePort::Bus) && cable.line() == Some(line);
         let mut count = tap.count(B::Uart::bus().sends());
         while let Some(character) = tap.first().filter(|_| count > 0) {
