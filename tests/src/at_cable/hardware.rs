@@ -462,7 +462,10 @@ impl Board for InMemory {
     }
 
     fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
-        with(|wires| wires.caught.pop_front_if(|(at, _)| *at <= until))
+        with(|wires| {
+            let is_due = wires.caught.front().is_some_and(|(at, _)| *at <= until);
+            if is_due { wires.caught.pop_front() } else { None }
+        })
     }
 
     fn is_quiet() -> bool {
