@@ -1,4 +1,4 @@
-//! The port of the bus.
+//! The port of the bus (BOARD-14).
 
 use drivetwin_board::CablePort;
 use drivetwin_control::{Answer, Call, Statistics};

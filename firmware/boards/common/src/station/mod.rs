@@ -51,7 +51,7 @@ use crate::cable::{Cable, CablePort};
 /// and other events come beside.
 pub const TRACE: usize = 6_144;
 
-/// Number of edges in a second that all trains of pulses and encoders together may have (BOARD-14).
+/// Number of edges in a second that all trains of pulses and encoders together may have (BOARD-15).
 pub const MOST_EDGES: u64 = 20_000;
 
 /// Number of turns in which a busy drive keeps the station from a request.

@@ -209,7 +209,8 @@ where
         }
     }
 
-    /// Notes a store, and how much of it is done before the power fails: a half, and at least one byte that changes.
+    /// Notes a store, and how much of it is done before the power fails: a half, and at least one byte that changes
+    /// (BOARD-16).
     fn note_store(&mut self, at: Instant, offset: u16, bytes: &[u8]) {
         let mut done = bytes;
         if self.is_on && self.cut == Cut::Armed {
