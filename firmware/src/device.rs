@@ -825,6 +825,10 @@ pub trait Device: Send {
     /// Switches the power on: the device loses all volatile state. A drive also calls this to restart itself.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context);
 
+    /// Switches the power off. Until the next [`power_on`](Self::power_on) the caller only peeks and pokes, and a
+    /// [`poke`](Self::poke) acts as before the first power-on. A device without saved registers does nothing.
+    fn power_off(&mut self) {}
+
     /// Handles an input.
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context);
 
@@ -863,7 +867,7 @@ pub trait Device: Send {
         0
     }
 
-    /// Presets a register without a bus request. Before the first `power_on` the value of a saved row is
+    /// Presets a register without a bus request. Without power the value of a saved row is
     /// stored in the memory, as if written and saved. Later the value has the same effect as a write by the
     /// bus.
     ///
@@ -904,6 +908,10 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         (**self).power_on(at, boot, out);
+    }
+
+    fn power_off(&mut self) {
+        (**self).power_off();
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {

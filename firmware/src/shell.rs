@@ -155,7 +155,7 @@ use heapless::{Deque, Vec};
 
 use crate::device::{
     Axis, Boot, Context, Device, Duration, Encoder, Fault, Input, Instant, Level, Line, Link, LogEvent,
-    Output, Pin, Plan, Port, feed,
+    Output, Pin, Plan, Port, PresetError, feed,
 };
 
 /// Number of pins that can have a wave at the same time.
@@ -187,6 +187,9 @@ pub enum BoardEvent {
     /// with the [idle level](crate::device::PinSpec::idle) [`Level::Float`] counts as not wired until it is
     /// low for the first time since power-on. From then on high means an open contact.
     Edge(Pin, bool),
+    /// Nothing drives an input pin any more whose [idle level](crate::device::PinSpec::idle) is [`Level::Float`]. Only a
+    /// stimulus ends so; an interrupt cannot detect it.
+    Open(Pin),
     /// A converter measured a new voltage at an input pin, in mV.
     Millivolts(Pin, i32),
     /// A hardware counter has counted: encoder, quarter cycles since the last event of this kind, levels of
@@ -344,6 +347,13 @@ pub trait Outputs {
 
     /// Sets the duty of an axis, in 1/65536. Does nothing on a board that cannot set it.
     fn duty(&mut self, _axis: Axis, _duty: i32) {}
+
+    /// Notes an input that the drive is about to get, with its time on the board's clock.
+    fn note_input(&mut self, _at: Instant, _input: &Input<'_>) {}
+
+    /// Notes an output of the drive, with its time on the board's clock, before it has its effect. A plan is noted
+    /// afterwards, with its delay.
+    fn note_output(&mut self, _at: Instant, _output: &Output<'_>) {}
 }
 
 /// Longest delay of a wake-up before the shell delays the drive's clock. It is longer than the erasure of a
@@ -434,12 +444,20 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         Self { device, due: Instant::NEVER, last_event: Instant::ZERO, inputs, state }
     }
 
-    /// Switches the drive's power on at `at`. Call this once. The board itself has had power since its clock
-    /// started.
+    /// Switches the drive's power on at `at`: once, or again after [`power_off`](Self::power_off). The board itself has
+    /// had power since its clock started.
     pub fn power_on(&mut self, at: Instant, boot: Boot) {
         self.last_event = at;
         self.device.power_on(self.last_event, boot, &mut self.state);
         self.due = self.device.deadline();
+    }
+
+    /// Switches the drive's power off: what it has not sent yet is lost, and its waves end. Do not call
+    /// [`poll`](Self::poll) before the next [`power_on`](Self::power_on). The outputs of the board are the caller's.
+    pub fn power_off(&mut self) {
+        self.device.power_off();
+        self.due = Instant::NEVER;
+        self.state.power_off();
     }
 
     /// Does the work that is due, in the order of timestamps, up to one deadline of the drive.
@@ -462,6 +480,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
                 BoardEvent::Idle(port) => Input::Idle { port },
                 BoardEvent::HostPresence(port, here) => Input::HostPresence { port, here },
                 BoardEvent::Edge(pin, high) => Input::Edge { pin, high },
+                BoardEvent::Open(pin) => Input::Open { pin },
                 BoardEvent::Millivolts(pin, mv) => Input::Millivolts { pin, mv },
                 BoardEvent::Count(encoder, steps, a, b) => Input::Count { encoder, steps, a, b },
                 BoardEvent::Fault(fault, on) => Input::Fault { fault, on },
@@ -505,6 +524,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
 
     /// Passes an input to the drive. `at` is a time of the board's clock.
     fn deliver(&mut self, at: Instant, input: Input<'_>) {
+        self.state.outputs.note_input(at, &input);
         self.last_event = self.last_event.max(at - self.state.clock_offset);
         self.due = feed(&mut self.device, self.due, self.last_event, input, &mut self.state);
     }
@@ -531,6 +551,44 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
     pub fn failures(&self) -> u32 {
         self.state.failures
     }
+
+    /// The inputs of the board.
+    pub fn inputs(&mut self) -> &mut I {
+        &mut self.inputs
+    }
+
+    /// The outputs of the board.
+    pub fn outputs(&mut self) -> &mut O {
+        &mut self.state.outputs
+    }
+
+    /// The level that the drive gives now to a pin with a wave; `None` if the pin has none.
+    #[must_use]
+    pub fn wave_level(&self, pin: Pin) -> Option<bool> {
+        self.state.waves.iter().find(|wave| wave.pin == pin).map(|wave| !wave.rises)
+    }
+
+    /// The time at which the drive is asked at the time `now` of the board's clock.
+    #[must_use]
+    pub fn drive_time(&self, now: Instant) -> Instant {
+        self.last_event.max(now - self.state.clock_offset)
+    }
+
+    /// Presets a register at the time `now` of the board's clock, as [`Device::poke`] does. Deadlines up to `now` come
+    /// before it.
+    ///
+    /// # Errors
+    /// As [`Device::poke`].
+    pub fn poke(&mut self, now: Instant, row: usize, value: i64) -> Result<(), PresetError> {
+        let at = self.drive_time(now);
+        let is_on = self.due < Instant::NEVER;
+        let result = self.device.poke(at, row, value, &mut self.state);
+        if is_on {
+            self.last_event = at;
+        }
+        self.due = self.device.deadline();
+        result
+    }
 }
 
 impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
@@ -543,6 +601,14 @@ impl<O: Outputs, const CHARACTERS: usize> OutputState<O, CHARACTERS> {
             Some(Message { from, begun: false, .. }) => first.min(*from),
             _ => first,
         }
+    }
+
+    /// Drops what is to be sent, and all waves. The next drive has the board's clock.
+    fn power_off(&mut self) {
+        self.waves.clear();
+        self.messages.clear();
+        self.characters.clear();
+        (self.dropped_time, self.clock_offset) = (Duration::ZERO, Duration::ZERO);
     }
 
     /// Delays the drive's clock if the drive's deadline is handled too late. In this case the drive needs
@@ -669,6 +735,12 @@ impl<const N: usize> Characters<N> {
         self.sent = 0;
     }
 
+    /// Removes all characters.
+    fn clear(&mut self) {
+        self.buffer.clear();
+        self.sent = 0;
+    }
+
     /// The unsent characters at the front, at most `most`.
     fn front(&self, most: usize) -> &[u8] {
         let rest = self.buffer.get(self.sent..).unwrap_or(&[]);
@@ -679,8 +751,7 @@ impl<const N: usize> Characters<N> {
     fn take(&mut self, count: usize) {
         self.sent += count;
         if self.sent >= self.buffer.len() {
-            self.buffer.clear();
-            self.sent = 0;
+            self.clear();
         }
     }
 }
@@ -688,6 +759,9 @@ impl<const N: usize> Characters<N> {
 impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS> {
     fn put(&mut self, at: Instant, output: Output<'_>) {
         let at = at + self.clock_offset;
+        if !matches!(output, Output::Plan { .. }) {
+            self.outputs.note_output(at, &output);
+        }
         match output {
             Output::Bytes { port, bytes } => {
                 // After a dropped message, later messages are sent earlier by its duration. Otherwise they
@@ -719,6 +793,8 @@ impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS>
             Output::Plan { axis, plan } => {
                 let late = self.outputs.plan(axis, &plan.delayed(self.clock_offset));
                 self.clock_offset = self.clock_offset + late;
+                let plan = &plan.delayed(self.clock_offset);
+                self.outputs.note_output(at + late, &Output::Plan { axis, plan });
             }
             Output::Step { axis, steps } => self.outputs.step(axis, steps),
             Output::CurrentLimit { axis, ma } => self.outputs.current(axis, ma),

@@ -6,6 +6,7 @@
 #[doc = include_str!("../../README.md")]
 pub struct Readme;
 
+pub mod at_cable;
 pub mod exact;
 pub mod fuzzed;
 pub mod md3;

@@ -32,7 +32,7 @@ use crate::memory::Save;
 /// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// Never powered.
+    /// No power.
     Off,
     /// The start-up delay runs: the motor has no current and the drive does not listen.
     Starting(Startup),
@@ -270,6 +270,11 @@ impl Drive {
 
     pub(super) fn peek(&self, row: usize) -> i64 {
         Reg::from_row(row).map_or(0, |reg| self.value(reg))
+    }
+
+    /// Switches the power off. Only presets follow until the next power-on.
+    pub(super) fn power_off(&mut self) {
+        self.state = State::Off;
     }
 
     pub(super) fn poke(

@@ -225,6 +225,10 @@ impl Device for Md3 {
         self.apply_line(at, out);
     }
 
+    fn power_off(&mut self) {
+        self.drive.power_off();
+    }
+
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
         if character || matches!(input, Input::Idle { .. }) {

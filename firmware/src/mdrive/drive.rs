@@ -61,7 +61,7 @@ impl Model {
 /// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// Power has never been switched on.
+    /// No power.
     Off,
     /// Starting: the drive does not receive messages yet.
     Booting {
@@ -168,6 +168,11 @@ impl Drive {
             let _ = text.push(character);
         }
         text
+    }
+
+    /// Switches the power off. Only presets follow until the next power-on.
+    pub(super) fn power_off(&mut self) {
+        self.state = State::Off;
     }
 
     /// Presets a register. Before power-on the value counts as saved, later as written by the bus.

@@ -210,6 +210,10 @@ impl Device for Mdrive {
         self.drive.power_on(at, boot, out);
     }
 
+    fn power_off(&mut self) {
+        self.drive.power_off();
+    }
+
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let drive = &mut self.drive;
         match input {

@@ -46,7 +46,7 @@ pub(super) const MOTOR: Parameters = Parameters {
 /// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// The drive was never powered.
+    /// No power.
     Off,
     /// During start-up the drive receives no message.
     Booting {
@@ -337,6 +337,11 @@ impl Drive {
     pub(super) fn set(&mut self, at: Instant, pid: Pid, value: i64, out: &mut dyn Context) {
         self.bank.set(pid, value);
         self.written(at, pid, out);
+    }
+
+    /// Switches the power off. Only presets follow until the next power-on.
+    pub(super) fn power_off(&mut self) {
+        self.state = State::Off;
     }
 
     pub(super) fn poke(

@@ -231,6 +231,10 @@ impl Device for Mdrobot {
         out.put(at, Output::Line { port: RS485, line });
     }
 
+    fn power_off(&mut self) {
+        self.drive.power_off();
+    }
+
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
         if character || matches!(input, Input::Idle { .. }) {

@@ -8,6 +8,6 @@ mod step_iterator;
 pub(crate) use plan::STEP;
 pub use plan::{Limits, MAX_ACCELERATION, MAX_SPEED, Plan, Segment};
 pub use step_generator::{
-    CYCLE, DIR_SETUP, HIGH, HandOff, PlanLoader, SETUP, StepDir, StepGenerator, StepTimer,
+    CYCLE, Counted, DIR_SETUP, HIGH, HandOff, PlanLoader, SETUP, StepDir, StepGenerator, StepTimer,
 };
 pub use step_iterator::{Step, StepIterator};

@@ -41,6 +41,46 @@ pub trait StepDir {
 
     /// Sets DIR: high is forward.
     fn set_direction(&mut self, forward: bool);
+
+    /// Number of pulses made so far, of both directions; it wraps. 0 if the pulses are not counted.
+    fn pulses(&self) -> u32 {
+        0
+    }
+}
+
+/// The outputs of an axis, with a count of the pulses.
+#[derive(Debug)]
+pub struct Counted<P> {
+    pins: P,
+    pulses: u32,
+}
+
+impl<P> Counted<P> {
+    /// These outputs, without a pulse so far.
+    pub const fn new(pins: P) -> Self {
+        Self { pins, pulses: 0 }
+    }
+}
+
+impl<P: StepDir> StepDir for Counted<P> {
+    #[inline]
+    fn rise(&mut self) {
+        self.pins.rise();
+        self.pulses = self.pulses.wrapping_add(1);
+    }
+
+    #[inline]
+    fn fall(&mut self) {
+        self.pins.fall();
+    }
+
+    fn set_direction(&mut self, forward: bool) {
+        self.pins.set_direction(forward);
+    }
+
+    fn pulses(&self) -> u32 {
+        self.pulses
+    }
 }
 
 /// Makes the pulses of an axis.
@@ -82,6 +122,27 @@ impl<P: StepDir> StepGenerator<P> {
     /// low.
     pub fn release(&mut self) {
         self.forward = false;
+    }
+
+    /// Ends all motion at once, with DIR low. STEP is low between two calls.
+    pub fn halt(&mut self) {
+        self.steps = StepIterator::done();
+        (self.next, self.unplanned_steps) = (NO_STEP, 0);
+        self.forward = false;
+        self.pins.set_direction(false);
+        self.schedule();
+    }
+
+    /// The level of DIR: true is forward.
+    #[must_use]
+    pub fn is_forward(&self) -> bool {
+        self.forward
+    }
+
+    /// Number of pulses made so far, if the outputs [count](StepDir::pulses) them.
+    #[must_use]
+    pub fn pulses(&self) -> u32 {
+        self.pins.pulses()
     }
 
     /// Time of the next interrupt.

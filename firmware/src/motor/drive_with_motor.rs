@@ -225,6 +225,11 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
         self.with_drive(at, out, |drive, out| drive.power_on(at, boot, out));
     }
 
+    fn power_off(&mut self) {
+        self.wires = Wires::EMPTY;
+        self.drive.power_off();
+    }
+
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         self.deliver_signals(at, out);
         match input {

@@ -22,7 +22,7 @@ const STARTUP: Duration = Duration::millis(50);
 /// State of the adapter, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum State {
-    /// The adapter was never powered.
+    /// The adapter has no power.
     Off,
     /// Start-up: the banner is sent at this instant.
     Starting(Instant),
@@ -97,6 +97,11 @@ impl Adapter {
         self.start(at, out);
     }
 
+    /// Switches the power off. Only presets follow until the next power-on.
+    pub(super) fn power_off(&mut self) {
+        self.state = State::Off;
+    }
+
     /// Handles a reset by the host. A running save is finished first.
     pub(super) fn reset(&mut self, at: Instant, out: &mut dyn Context) {
         if !self.has_run() {
@@ -128,7 +133,7 @@ impl Adapter {
         }
     }
 
-    /// Returns true if the adapter was ever powered.
+    /// Returns true if the adapter has power.
     pub(super) fn has_run(&self) -> bool {
         self.state != State::Off
     }

@@ -174,6 +174,10 @@ impl Device for Qsb {
         self.adapter.power_on(at, boot, out);
     }
 
+    fn power_off(&mut self) {
+        self.adapter.power_off();
+    }
+
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
             Input::Bytes { bytes, .. } => {

@@ -33,7 +33,7 @@ use crate::motor::Parameters;
 /// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum State {
-    /// Never powered.
+    /// No power.
     Off,
     /// Power is on, but other inputs of the same instant may still follow.
     Waking {
@@ -386,6 +386,11 @@ impl Drive {
     /// Called when a character had a parity error or another error (RS434-5).
     pub(super) fn rx_error(&mut self) {
         self.errors.warn(error::PARITY);
+    }
+
+    /// Switches the power off. Only presets follow until the next power-on.
+    pub(super) fn power_off(&mut self) {
+        self.state = State::Off;
     }
 
     pub(super) fn poke(

@@ -277,6 +277,10 @@ impl Device for Rs434 {
         self.start(at, out);
     }
 
+    fn power_off(&mut self) {
+        self.drive.power_off();
+    }
+
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
         if character || matches!(input, Input::Idle { .. }) {

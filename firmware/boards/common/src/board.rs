@@ -14,6 +14,8 @@ use crate::board_outputs::{BoardOutputs, Release};
 use crate::bus::{Sender, Uart};
 use crate::cable::Cable;
 use crate::slips;
+use crate::station::{Station, TRACE};
+use crate::tap::Tap;
 use crate::wire::{AxisPins, End, is_full_duplex};
 
 /// A board with one bus, one axis, and pins that are wired to those of a drive.
@@ -50,6 +52,11 @@ pub trait Board {
 
     /// Takes the oldest queued event if it is not after `until`.
     fn next_event(until: Instant) -> Option<(Instant, BoardEvent)>;
+
+    /// Number of events that were lost because the queue was full, as far as the board counts them; it wraps.
+    fn lost_inputs() -> u32 {
+        0
+    }
 
     /// Returns `true` if no event is queued.
     fn is_quiet() -> bool;
@@ -89,7 +96,7 @@ pub trait Board {
 }
 
 /// The inputs of a board.
-struct BoardInputs<B>(PhantomData<B>);
+pub(crate) struct BoardInputs<B>(pub(crate) PhantomData<B>);
 
 impl<B: Board> Inputs for BoardInputs<B> {
     fn now(&self) -> Instant {
@@ -105,13 +112,9 @@ impl<B: Board> Inputs for BoardInputs<B> {
     }
 }
 
-/// The shell of a drive on a board.
-type OnBoard<'a, B, D, M, L, const CHARACTERS: usize, const WIRES: usize> = Shell<
-    &'a mut D,
-    BoardInputs<B>,
-    BoardOutputs<Sender<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>,
-    CHARACTERS,
->;
+/// The outputs of a board.
+pub(crate) type Hands<B, M, L, const WIRES: usize> =
+    BoardOutputs<Sender<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>;
 
 /// Makes a drive in a function of its own, so that the stack that `make` needs beside the drive itself is
 /// free again when it returns.
@@ -137,7 +140,17 @@ where
     let boot = B::start();
     let memory = memory(drive.spec());
     let links = links(drive.spec());
-    let mut shell: OnBoard<'_, B, D, M, L, CHARACTERS, WIRES> = assemble(drive, wires, memory, links);
+    if B::Cable::IS_THERE {
+        let mut ring = [0; TRACE];
+        let mut station: Station<'_, B, D, M, L, CHARACTERS, WIRES> =
+            Station::new(drive, wires, memory, links, boot, &mut ring);
+        station.start();
+        loop {
+            station.turn();
+        }
+    }
+    let mut shell: Shell<&mut D, BoardInputs<B>, Hands<B, M, L, WIRES>, CHARACTERS> =
+        assemble::<B, _, _, _, _, WIRES>(drive, wires, memory, links);
     shell.power_on(Instant::ZERO, boot);
     // Not enabled earlier, because the stack is deepest while the drive is put on the board.
     B::unmask();
@@ -158,12 +171,23 @@ fn assemble<'a, B: Board, D: Device, M, L, const CHARACTERS: usize, const WIRES:
     wires: &[B::Wire; WIRES],
     memory: M,
     links: Option<L>,
-) -> OnBoard<'a, B, D, M, L, CHARACTERS, WIRES>
+) -> Shell<&'a mut D, BoardInputs<B>, Hands<B, M, L, WIRES>, CHARACTERS>
 where
     M: Storage + AsRef<[u8]>,
     L: Links,
 {
-    let (spec, axis) = (drive.spec(), B::axis());
+    let hands = hands::<B, M, L, WIRES>(drive.spec(), wires, memory, links);
+    Shell::new(drive, BoardInputs(PhantomData), hands)
+}
+
+/// Wires the board for a drive.
+pub(crate) fn hands<B: Board, M, L, const WIRES: usize>(
+    spec: &Spec,
+    wires: &[B::Wire; WIRES],
+    memory: M,
+    links: Option<L>,
+) -> Hands<B, M, L, WIRES> {
+    let axis = B::axis();
     B::Uart::bus().start(is_full_duplex(spec));
     B::Uart::start();
     let pins = B::wire(spec, wires);
@@ -171,15 +195,17 @@ where
     if axis_pins == AxisPins::Own {
         B::Timer::start();
     }
-    let hands =
-        BoardOutputs { bus: Sender::new(), pins, memory, axis, axis_pins, loader: PlanLoader::new(), links };
-    Shell::new(drive, BoardInputs(PhantomData), hands)
+    BoardOutputs { bus: Sender::new(), pins, memory, axis, axis_pins, loader: PlanLoader::new(), links }
 }
 
-/// Returns `true` if there is work for the loop: an event is queued, or the bus has room again.
+/// Returns `true` if there is work for the loop: an event is queued, the bus has room again, or the cable has work or is to
+/// get a character.
 #[must_use]
 pub fn is_awake<B: Board>() -> bool {
-    !B::is_quiet() || B::Uart::bus().has_room()
+    !B::is_quiet()
+        || B::Uart::bus().has_room()
+        || B::Cable::is_pending()
+        || B::Uart::tap().is_some_and(Tap::has_more)
 }
 
 /// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt. It must schedule an interrupt for

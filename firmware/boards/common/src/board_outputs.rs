@@ -41,6 +41,19 @@ pub struct BoardOutputs<B, P, M, T: Timer + 'static, const PINS: usize, L = NoNe
     pub links: Option<L>,
 }
 
+impl<B, P: Release, M, T: Timer, const PINS: usize, L> BoardOutputs<B, P, M, T, PINS, L> {
+    /// Releases all pins, and ends the motion of the axis at once.
+    pub(crate) fn power_off(&mut self) {
+        for (_, pin) in &mut self.pins {
+            pin.release(true);
+        }
+        if self.axis_pins != AxisPins::None {
+            let _ = self.axis.with(|stepper, _| stepper.halt());
+        }
+        self.loader = PlanLoader::new();
+    }
+}
+
 impl<B, P, M, T, const PINS: usize, L> Outputs for BoardOutputs<B, P, M, T, PINS, L>
 where
     B: Bus,

@@ -13,6 +13,7 @@ use embedded_io::{ErrorType, Write, WriteReady};
 
 use crate::board_outputs::Bus;
 use crate::queue::Queue;
+use crate::tap::Tap;
 
 /// Maximum number of characters that wait to be sent: the longest frame.
 const MOST: usize = 256;
@@ -39,6 +40,11 @@ pub trait Uart: Sized + 'static {
 
     /// Switches the transceiver to send (DE), or to receive.
     fn turn(sends: bool);
+
+    /// Tap for the characters that the UART sends; `None` on a board without a cable.
+    fn tap() -> Option<&'static Tap> {
+        None
+    }
 
     /// Arranges a call of [`SerialBus::sent`] when the last stop bit has left. Called when no more characters
     /// wait.
@@ -114,6 +120,9 @@ impl<U: Uart> SerialBus<U> {
             self.sends.store(true, Ordering::Relaxed);
             self.ends.store(false, Ordering::Relaxed);
             U::write(byte);
+            if let Some(tap) = U::tap() {
+                tap.put(byte);
+            }
             // Set at half of the queue, so that the loop can add the remaining characters and they are sent
             // without a pause.
             if self.to_send.len() == MOST / 2 {
@@ -162,7 +171,18 @@ impl<U: Uart> SerialBus<U> {
         self.has_room.store(false, Ordering::Relaxed);
     }
 
-    fn sends(&self) -> bool {
+    /// Drops the characters that wait. What the UART has already leaves.
+    pub(crate) fn silence(&self) {
+        while self.to_send.pop().is_some() {}
+    }
+
+    /// Returns `true` while the line is to get other settings, after the characters that wait.
+    pub(crate) fn is_changing(&self) -> bool {
+        self.changes.load(Ordering::Relaxed)
+    }
+
+    /// Returns `true` from the first start bit to the last stop bit.
+    pub(crate) fn sends(&self) -> bool {
         self.sends.load(Ordering::Relaxed)
     }
 

@@ -14,6 +14,9 @@ pub enum CablePort {
 /// A USB cable to a computer, which sees two serial ports. All functions are called in the loop, never in an interrupt, and
 /// none of them masks interrupts.
 pub trait Cable {
+    /// False on a board without a cable, whose image has no code for one.
+    const IS_THERE: bool = true;
+
     /// Returns `true` if an interrupt has reported work since the last [`poll`](Self::poll). The loop does not sleep then.
     fn is_pending() -> bool;
 
@@ -40,6 +43,8 @@ pub trait Cable {
 pub struct NoCable;
 
 impl Cable for NoCable {
+    const IS_THERE: bool = false;
+
     fn is_pending() -> bool {
         false
     }

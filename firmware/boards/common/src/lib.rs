@@ -3,7 +3,7 @@
 //! A board provides a UART, pins, a memory, a step timer and a clock. Its interrupts put events into a
 //! [`Queue`], call the [`SerialBus`] to send, and fire the [`Axis`]. Its loop, [`run`], runs a
 //! [`Shell`](drivetwin_firmware::shell::Shell) over [`BoardOutputs`]. The trait [`Board`] lists what a board
-//! must provide for that.
+//! must provide for that. On a board with a USB [`Cable`] the loop has a [`station`] for the computer at its other end.
 #![no_std]
 
 mod axis;
@@ -24,7 +24,9 @@ mod queue;
 mod register;
 mod saved;
 mod slips;
+pub mod station;
 mod steps;
+mod tap;
 mod usart;
 mod wire;
 
@@ -41,5 +43,6 @@ pub use register::{Chip, Register};
 pub use saved::{Saved, Unreadable};
 pub use slips::{SLIPPED, untold};
 pub use steps::{StepPins, StepPort};
+pub use tap::Tap;
 pub use usart::Usart;
 pub use wire::{AxisPins, End, is_full_duplex};

@@ -10,7 +10,8 @@ pub struct Events<'a> {
     pub number: u32,
     /// Time in ticks from which the first event counts its own.
     pub at: u64,
-    /// The events, each as postcard: the ticks since the event before, and the [`Event`].
+    /// The events, each as postcard: the ticks since the event before, signed, and the [`Event`]. An output may be earlier
+    /// than the event before it: a reply is recorded when the drive gives it, with the time at which it begins.
     pub bytes: &'a [u8],
 }
 
@@ -32,8 +33,8 @@ impl<'a> Iterator for Decoded<'a> {
     type Item = (u64, Event<'a>);
 
     fn next(&mut self) -> Option<Self::Item> {
-        let ((ticks, event), rest) = postcard::take_from_bytes::<(u64, Event<'a>)>(self.bytes).ok()?;
-        self.at = self.at.saturating_add(ticks);
+        let ((ticks, event), rest) = postcard::take_from_bytes::<(i64, Event<'a>)>(self.bytes).ok()?;
+        self.at = self.at.wrapping_add_signed(ticks);
         self.bytes = rest;
         Some((self.at, event))
     }
