@@ -28,7 +28,7 @@ const HAL_SIM: [&str; 19] = [
 ];
 
 /// Modules of `host/src`, lowest first.
-const HOST: [&str; 14] = [
+const HOST: [&str; 15] = [
     "options",
     "clock",
     "describe",
@@ -37,6 +37,7 @@ const HOST: [&str; 14] = [
     "output_file",
     "live_file",
     "ports",
+    "board",
     "streams",
     "event_loop",
     "lender",
