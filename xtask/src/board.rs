@@ -10,6 +10,7 @@ use xshell::{Shell, cmd};
 use crate::checks::{BARE, host, target_dir};
 use crate::image::Image;
 use crate::tools::{Tool, Tools};
+use crate::uf2;
 
 /// Cargo's profile for the images that are flashed.
 pub(crate) const PROFILE: &str = "firmware";
@@ -241,7 +242,8 @@ pub(crate) fn golden(sh: &Shell) -> Result<()> {
 /// Runs the tests that need the exact time of the emulated Pico.
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
+    let uf2 = uf2::write(sh)?;
     let host = host();
     let test = cmd!(sh, "cargo test {host...} --test pico -- --ignored --nocapture");
-    Ok(test.env("DRIVETWIN_IMAGES", images).run()?)
+    Ok(test.env("DRIVETWIN_IMAGES", images).env("DRIVETWIN_UF2", uf2).run()?)
 }
