@@ -12,6 +12,7 @@
 //! | [`wires`] | assignment of the pins |
 //! | `boot` | from the reset to a program in RAM |
 //! | `Pico` | the board, as the loop needs it |
+//! | `chip` | addresses and interrupts |
 //! | `clock` | the system clock |
 //! | `timer` | time, alarms, sleep |
 //! | `bus` | UART0, and the direction of RS-485 |
@@ -27,6 +28,7 @@
 
 mod boot;
 mod bus;
+mod chip;
 mod clock;
 mod flash;
 mod kinds;
@@ -49,12 +51,12 @@ use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
 use drivetwin_control::Refused;
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
-use rp2040_pac::Interrupt;
 
 pub use self::pins::Wire;
 pub use self::selector::select;
 
 use self::bus::Uart0;
+use self::chip::Interrupt;
 use self::flash::{Flash, MOST_SECTORS};
 use self::pins::Pins;
 use self::steps::Steps;
