@@ -30,7 +30,7 @@ pub(crate) struct Board {
 }
 
 /// Every board.
-pub(crate) const BOARDS: [Board; 3] = [
+pub(crate) const BOARDS: [Board; 4] = [
     Board {
         name: "lm3s6965",
         package: "drivetwin-lm3s6965",
@@ -53,6 +53,14 @@ pub(crate) const BOARDS: [Board; 3] = [
         package: "drivetwin-stm32f4",
         target: "thumbv7em-none-eabihf",
         // The vector table is in RAM, as on the rp2040.
+        vectors: None,
+        ram: 0x2000_0000,
+        has_ethernet: false,
+    },
+    Board {
+        name: "rp2350",
+        package: "drivetwin-rp2350",
+        target: "thumbv8m.main-none-eabi",
         vectors: None,
         ram: 0x2000_0000,
         has_ethernet: false,
