@@ -13,7 +13,7 @@ const IMAGE: &str = "drivetwin-pico.uf2";
 const PICO: &str = "RPI-RP2";
 /// File on the disk of each boot loader that takes UF2s.
 const INFO: &str = "INFO_UF2.TXT";
-/// What a user does to get the boot loader.
+/// Way to the boot loader, for a user.
 const BOOTSEL: &str = "hold its button BOOTSEL while you plug it into USB";
 
 /// Number of bytes that are copied at once.

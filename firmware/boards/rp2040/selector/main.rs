@@ -2,7 +2,7 @@
 #![no_std]
 #![no_main]
 
-/// Where the second stage of the boot jumps to, behind the stack pointer (`selector.x`).
+/// Entry that the second stage of the boot jumps to, behind the stack pointer (`selector.x`).
 #[unsafe(link_section = ".start")]
 #[used]
 static START: extern "C" fn() -> ! = drivetwin_rp2040::select;
