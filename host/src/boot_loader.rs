@@ -175,10 +175,11 @@ impl Places {
             ));
         }
         Err(match self.running_board() {
-            Some(serial) => format!(
-                "no Pico is in its boot loader, but the board usb:{serial} runs a drive: `drivetwin attach` can start its \
-                 boot loader, or {BOOTSEL}"
-            ),
+            Some(serial) => {
+                format!(
+                    "no Pico is in its boot loader; the board usb:{serial} runs a drive: unplug it, and {BOOTSEL}"
+                )
+            }
             None => format!("no Pico is in its boot loader: {BOOTSEL}"),
         })
     }
@@ -455,8 +456,7 @@ mod tests {
         assert_eq!(
             places.find(),
             Err(format!(
-                "no Pico is in its boot loader, but the board usb:E661209 runs a drive: `drivetwin attach` can start its \
-                 boot loader, or {hold}"
+                "no Pico is in its boot loader; the board usb:E661209 runs a drive: unplug it, and {hold}"
             ))
         );
 
