@@ -29,6 +29,7 @@ export class Chip extends RP2040 {
    * @param {(line: string) => void} board.say told what happens
    * @param {(byte: number) => void} board.sent told each character at its start bit
    * @param {(cause: string) => void} board.reset asked to reset the chip
+   * @param {(light: number) => void} board.startBootLoader asked to start the ROM's boot loader, with a light's pin as a bit
    */
   constructor(board) {
     super(new ChipClock(board.clock));
@@ -200,6 +201,9 @@ export class Chip extends RP2040 {
           if (from < 0 || from + r2 > RAM_SIZE) throw new RangeError(`flash program from ${hex(r1)}: not in RAM`);
           board.flash.program(r0, this.sram.subarray(from, from + r2));
         });
+        return;
+      case CALL.bootLoader:
+        board.startBootLoader(r0);
         return;
       case CALL.wait:
         this.waitsForFlash = core.waiting = board.flash.busy;

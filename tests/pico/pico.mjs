@@ -1,12 +1,17 @@
 // A Raspberry Pi Pico in virtual time.
 
+import { readFileSync } from 'node:fs';
+
 import { Chip } from './chip.mjs';
 import { Clock } from './clock.mjs';
 import { ENTRY_CYCLES, awakes } from './core.mjs';
 import { loadElf } from './elf.mjs';
-import { Flash } from './flash.mjs';
+import { Flash, SECTOR } from './flash.mjs';
 import { Stats } from './stats.mjs';
+import { isUf2, loadUf2 } from './uf2.mjs';
 
+/** Address of the flash. */
+const FLASH = 0x10000000;
 /** What RAM holds after power-on: nothing that an image could take for zeros. */
 const NOISE = 0xa5;
 
@@ -15,7 +20,7 @@ export class Pico {
   /**
    * @param {object} [tell]
    * @param {(line: string) => void} [tell.say] told what the board does: `pin 3 high`, `flash erase 0x1ff000`, `reset
-   *   watchdog`, `error …`; `clock.nanos` says when
+   *   watchdog`, `boot loader 02000000`, `error …`; `clock.nanos` says when
    * @param {(byte: number) => void} [tell.sent] told each character at the instant at which its start bit begins
    */
   constructor({ say = () => {}, sent = () => {} } = {}) {
@@ -34,9 +39,11 @@ export class Pico {
     this.chip = null;
   }
 
-  /** Puts an ELF file into flash. */
+  /** Puts an ELF file or a UF2 into flash. */
   load(path) {
-    loadElf(path, this.flash.bytes);
+    const file = readFileSync(path);
+    if (isUf2(file)) loadUf2(file, this.flash.bytes, FLASH, SECTOR);
+    else loadElf(path, this.flash.bytes);
   }
 
   /** Turns power on: the image starts, and RAM has lost everything. Does nothing if power is on. */
@@ -65,6 +72,15 @@ export class Pico {
     this.chip.sram.set(before.sram);
     this.chip.watchdog.scratchData.set(before.watchdog.scratchData);
     this.chip.watchdog.reason = cause === 'watchdog' ? before.watchdog.reason : 0;
+    this.stats.restart();
+  }
+
+  /** Starts the boot loader of the ROM, which waits for ever: there is no USB. */
+  startBootLoader(light) {
+    this.say(`boot loader ${light.toString(16).padStart(8, '0')}`);
+    this.chip.turnOff();
+    this.chip = new Chip(this);
+    this.chip.hung = true;
     this.stats.restart();
   }
 

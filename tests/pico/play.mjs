@@ -28,6 +28,7 @@
 //   flash erase 0x1ff000      begins; `block` behind it if it is one of 64 KiB
 //   flash program 0x1ff000 256
 //   reset watchdog            or `request`, by software
+//   boot loader 02000000      of the ROM, with the bit of the pin that it lights; it waits until power is off
 //   unheard 55                a character came when UART0 was not listening
 //   peek 20001234 0000000a    what is in that word
 //   power off                 after `cut`, or by the script

@@ -42,6 +42,8 @@ pub(crate) enum OutputRecord {
     PowerOff,
     /// The watchdog reset the board.
     Watchdog,
+    /// The boot loader of the ROM started; it lights these pins, one bit each.
+    BootLoader(u32),
 }
 
 /// Level of a pin that is driven or released.
@@ -193,6 +195,7 @@ fn parse(what: &str) -> Option<OutputRecord> {
         ["peek", _, word] => OutputRecord::Peeked(u32::from_str_radix(word, 16).ok()?),
         ["power", "off"] => OutputRecord::PowerOff,
         ["reset", "watchdog"] => OutputRecord::Watchdog,
+        ["boot", "loader", pins] => OutputRecord::BootLoader(u32::from_str_radix(pins, 16).ok()?),
         _ => return None,
     })
 }

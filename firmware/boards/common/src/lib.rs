@@ -13,6 +13,7 @@ mod boot;
 mod bus;
 mod cable;
 mod flash;
+mod kinds;
 #[cfg(feature = "network")]
 mod long;
 #[cfg(feature = "network")]
@@ -36,6 +37,7 @@ pub use board_outputs::{BoardOutputs, Bus, Release};
 pub use bus::{Sender, SerialBus, Uart};
 pub use cable::{Cable, CablePort, NoCable};
 pub use flash::{Flash, Sectors};
+pub use kinds::{Choice, Directory, Image, sum};
 pub use output::{Gpio, Output};
 pub use pl011::{Pl011, Pl011Uart};
 pub use queue::Queue;

@@ -12,12 +12,15 @@
 //! | [`wires`] | assignment of the pins |
 //! | `boot` | from the reset to a program in RAM |
 //! | `Pico` | the board, as the loop needs it |
+//! | `chip` | addresses and interrupts |
 //! | `clock` | the system clock |
 //! | `timer` | time, alarms, sleep |
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
-//! | `flash` | the flash for saved registers |
+//! | `flash` | the flash for images, the chosen kind and saved registers |
+//! | `kinds` | the kinds of drive that the board can be |
+//! | `selector` | the start of the chosen kind |
 //! | `watchdog` | the watchdog |
 //! | `log` | the log through a debug probe |
 //! | `registers` | registers of the hardware |
@@ -25,29 +28,35 @@
 
 mod boot;
 mod bus;
+mod chip;
 mod clock;
 mod flash;
+mod kinds;
 mod log;
 mod pins;
 mod registers;
+mod selector;
 mod steps;
 mod timer;
 mod watchdog;
 pub mod wires;
 
+use core::convert::Infallible;
 use core::panic::PanicInfo;
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
 use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
+use drivetwin_control::Refused;
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
-use rp2040_pac::Interrupt;
 
 pub use self::pins::Wire;
+pub use self::selector::select;
 
 use self::bus::Uart0;
+use self::chip::Interrupt;
 use self::flash::{Flash, MOST_SECTORS};
 use self::pins::Pins;
 use self::steps::Steps;
@@ -107,6 +116,11 @@ impl Board for Pico {
     }
 
     fn wire<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output<Pins>); N] {
+        kinds::this_is(spec.kind);
+        if wires.iter().all(|(_, pins)| pins & wires::LIGHT == 0) {
+            pins::drive_low(wires::LIGHT);
+            pins::write(wires::LIGHT, true);
+        }
         pins::start(spec, wires)
     }
 
@@ -156,6 +170,18 @@ impl Board for Pico {
 
     fn cable() -> NoCable {
         NoCable
+    }
+
+    fn kind(number: u8) -> Option<&'static str> {
+        kinds::kind(number)
+    }
+
+    fn choose(kind: &str) -> Result<Infallible, Refused> {
+        kinds::choose(kind)
+    }
+
+    fn start_boot_loader() -> Result<Infallible, Refused> {
+        kinds::start_boot_loader()
     }
 
     #[inline(never)]
