@@ -13,6 +13,7 @@ mod play;
 mod qsb;
 mod reset;
 mod rs434;
+mod usb;
 
 use std::path::PathBuf;
 

@@ -137,6 +137,7 @@ where
     let boot = B::start();
     let memory = memory(drive.spec());
     let links = links(drive.spec());
+    let mut cable = B::cable();
     let mut shell: OnBoard<'_, B, D, M, L, CHARACTERS, WIRES> = assemble(drive, wires, memory, links);
     shell.power_on(Instant::ZERO, boot);
     // Not enabled earlier, because the stack is deepest while the drive is put on the board.
@@ -145,6 +146,7 @@ where
     loop {
         B::feed();
         B::Uart::bus().look();
+        cable.poll();
         if shell.poll().is_err() {
             B::sleep_until(shell.deadline());
         }
@@ -176,25 +178,29 @@ where
     Shell::new(drive, BoardInputs(PhantomData), hands)
 }
 
-/// Returns `true` if there is work for the loop: an event is queued, or the bus has room again.
+/// Returns `true` if there is work for the loop: an event is queued, the bus has room again, or the cable has work.
 #[must_use]
 pub fn is_awake<B: Board>() -> bool {
-    !B::is_quiet() || B::Uart::bus().has_room()
+    !B::is_quiet() || B::Uart::bus().has_room() || B::Cable::is_pending()
 }
 
-/// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt. It must schedule an interrupt for
-/// its argument, so that it returns when that instant has passed, or earlier.
+/// Sleeps as [`Board::sleep_until`] does. `set` schedules an interrupt for its argument, and returns `false` if that instant
+/// has passed. `doze` sleeps until an interrupt; it returns at once if the scheduled interrupt has come already.
 #[inline]
-pub fn sleep_until<B: Board>(deadline: Instant, doze: impl Fn(Instant)) {
+pub fn sleep_until<B: Board>(deadline: Instant, set: impl Fn(Instant) -> bool, doze: impl Fn()) {
     /// Longest sleep without feeding the watchdog.
     const NAP: Duration = Duration::millis(250);
     while B::past() < deadline && !is_awake::<B>() {
         B::feed();
+        // Before the critical section, which delays a step.
+        if !set(deadline.min(B::past() + NAP)) {
+            continue;
+        }
         // An interrupt during the critical section ends the sleep, so none is missed between the check and
         // the sleep (BOARD-6).
         critical_section::with(|_| {
             if !is_awake::<B>() {
-                doze(deadline.min(B::past() + NAP));
+                doze();
             }
         });
     }

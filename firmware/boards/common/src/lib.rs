@@ -26,6 +26,7 @@ mod saved;
 mod slips;
 mod steps;
 mod usart;
+mod usb_serial;
 mod wire;
 
 pub use axis::{Axis, Timer};
@@ -42,4 +43,5 @@ pub use saved::{Saved, Unreadable};
 pub use slips::{SLIPPED, untold};
 pub use steps::{StepPins, StepPort};
 pub use usart::Usart;
+pub use usb_serial::{UsbSerial, line_of};
 pub use wire::{AxisPins, End, is_full_duplex};

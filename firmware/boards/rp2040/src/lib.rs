@@ -18,6 +18,7 @@
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
 //! | `flash` | the flash for saved registers |
+//! | `usb`, `usb_bus` | the USB cable, and the controller |
 //! | `watchdog` | the watchdog |
 //! | `log` | the log through a debug probe |
 //! | `registers` | registers of the hardware |
@@ -32,6 +33,10 @@ mod pins;
 mod registers;
 mod steps;
 mod timer;
+mod usb;
+mod usb_bus;
+#[cfg(feature = "usb-echo")]
+mod usb_echo;
 mod watchdog;
 pub mod wires;
 
@@ -40,7 +45,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
+use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, made};
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 use rp2040_pac::Interrupt;
@@ -52,6 +57,7 @@ use self::flash::{Flash, MOST_SECTORS};
 use self::pins::Pins;
 use self::steps::Steps;
 use self::timer::{TICKS, WAKE};
+use self::usb::Usb;
 
 /// Maximum number of events that wait, of 24 bytes each. It suffices for a request of the longest kind, and
 /// for everything that a line at 57,600 baud receives in the 45 ms in which a sector is erased.
@@ -93,7 +99,7 @@ impl Board for Pico {
     type Pin = Output<Pins>;
     type Uart = Uart0;
     type Timer = Steps;
-    type Cable = NoCable;
+    type Cable = Usb;
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
@@ -111,8 +117,8 @@ impl Board for Pico {
     }
 
     /// Enables interrupts. Only critical sections delay a step. All interrupts that timestamp or send have
-    /// the same priority, so that timestamps ascend. The alarm of the loop has the lowest one, because it
-    /// only ends the sleep.
+    /// the same priority, so that timestamps ascend. The alarm of the loop and USB have the lowest one, because
+    /// they only end the sleep.
     fn unmask() {
         let priorities = [
             (Interrupt::TIMER_IRQ_0, 0x00),
@@ -120,6 +126,7 @@ impl Board for Pico {
             (Interrupt::IO_IRQ_BANK0, 0x40),
             (Interrupt::TIMER_IRQ_2, 0x40),
             (Interrupt::TIMER_IRQ_1, 0xC0),
+            (Interrupt::USBCTRL_IRQ, 0xC0),
         ];
         let Some(mut core) = Peripherals::take() else { return };
         for (interrupt, priority) in priorities {
@@ -154,14 +161,15 @@ impl Board for Pico {
         watchdog::feed();
     }
 
-    fn cable() -> NoCable {
-        NoCable
+    fn cable() -> Usb {
+        Usb::start()
     }
 
     #[inline(never)]
     fn sleep_until(deadline: Instant) {
-        drivetwin_board::sleep_until::<Self>(deadline, |at| {
-            if WAKE.set(at.ticks() / TICKS + 1) {
+        let set = |at: Instant| WAKE.set(at.ticks() / TICKS + 1);
+        drivetwin_board::sleep_until::<Self>(deadline, set, || {
+            if !WAKE.is_over() {
                 asm::wfi();
             }
         });
