@@ -124,7 +124,15 @@ export class UsbHost {
     const port = this.port(name);
     if (!port) return;
     port.input.isWanted = true;
-    this.request(port, PORT.setState, OPEN);
+    // A program writes when the port is open, and not before.
+    port.output.isHeld = true;
+    this.request(port, PORT.setState, OPEN, undefined, () => (port.output.isHeld = false));
+  }
+
+  /** The program, which has the port open, switches DTR. */
+  dtr(name, isOn) {
+    const port = this.port(name);
+    if (port) this.request(port, PORT.setState, isOn ? OPEN : OPEN & ~1);
   }
 
   /** The program closes it. */
@@ -307,11 +315,14 @@ export class UsbHost {
   }
 
   /** @private A request to a port. */
-  request(port, request, value, data) {
+  request(port, request, value, data, then = () => {}) {
     this.control.queue({
       setup: setup(0x21, request, value, port.control, data?.length ?? 0),
       data,
-      done: (reply) => reply || this.say(`refused ${request.toString(16)}`),
+      done: (reply) => {
+        if (!reply) this.say(`refused ${request.toString(16)}`);
+        then();
+      },
     });
     this.hurry();
   }
@@ -515,6 +526,8 @@ class Output {
     this.number = 0;
     this.at = 0;
     this.waiting = [];
+    /** Whether the bytes wait until the port is open. */
+    this.isHeld = false;
   }
 
   /** Adds bytes behind those that wait. */
@@ -523,7 +536,8 @@ class Output {
   }
 
   get wish() {
-    return { bytes: Math.min(this.waiting.length, this.size), at: this.waiting.length ? this.at : Infinity };
+    const count = this.isHeld ? 0 : Math.min(this.waiting.length, this.size);
+    return { bytes: count, at: count ? this.at : Infinity };
   }
 
   begin() {

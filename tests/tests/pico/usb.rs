@@ -1,7 +1,10 @@
 //! The board's USB device, as a computer at the other end of the cable sees it. Most tests use the image `usb-echo`, whose
 //! ports send back what they receive.
 
-use std::path::PathBuf;
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::at;
@@ -244,4 +247,42 @@ fn ports_at_full_load_delay_no_pulse() {
         }
     };
     expect_every_pulse(&echo(), opened(), READY + 20 * MS, busy);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn serve_has_both_ports_on_tcp() {
+    let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("pico/serve.mjs");
+    let mut serve = Command::new("node");
+    serve.arg(program).arg(echo()).arg("--usb").stdin(Stdio::piped()).stdout(Stdio::piped());
+    let mut serve = serve.spawn().expect("node starts");
+    let mut lines = BufReader::new(serve.stdout.take().expect("it is piped")).lines();
+    let mut line = || lines.next().expect("a line").expect("text");
+    assert!(line().starts_with("pico: usb-echo on 127.0.0.1:"));
+    let line = line();
+    let ports = line.strip_prefix("pico: usb E661A4D4172F8B2C: bus rfc2217://");
+    let (bus, control) = ports.and_then(|ports| ports.split_once(", control ")).expect("two addresses");
+
+    let mut control = TcpStream::connect(control).expect("it listens");
+    control.write_all(&bytes(1_000)).expect("it reads");
+    let mut got = vec![0; 1_000];
+    control.read_exact(&mut got).expect("an echo");
+    assert_eq!(got, bytes(1_000));
+
+    let mut bus = TcpStream::connect(bus).expect("it listens");
+    // IAC DO COM-PORT-OPTION is among what the server says first; SET-BAUDRATE has an answer (RFC 2217, 3).
+    let mut first = [0; 18];
+    bus.read_exact(&mut first).expect("options");
+    assert_eq!(first[15..], [255, 253, 44]);
+    bus.write_all(&[255, 250, 44, 1, 0, 0, 0x25, 0x80, 255, 240]).expect("it reads");
+    let mut answer = [0; 10];
+    bus.read_exact(&mut answer).expect("an answer");
+    assert_eq!(answer, [255, 250, 44, 101, 0, 0, 0x25, 0x80, 255, 240]);
+    bus.write_all(&[1, 255, 255, 2]).expect("it reads");
+    let mut echo = [0; 4];
+    bus.read_exact(&mut echo).expect("an echo");
+    assert_eq!(echo, [1, 255, 255, 2], "255 is doubled both ways");
+
+    drop(serve.stdin.take());
+    assert!(serve.wait().expect("node ends").success());
 }
