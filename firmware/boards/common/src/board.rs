@@ -185,24 +185,17 @@ pub fn is_awake<B: Board>() -> bool {
 }
 
 /// Sleeps as [`Board::sleep_until`] does. `set` schedules an interrupt for its argument, and returns `false` if that instant
-/// has passed. `doze` sleeps until an interrupt; it returns at once if the scheduled interrupt has come already.
+/// has passed. `doze` sleeps until an interrupt, and returns at once if one has come since it was called last.
 #[inline]
 pub fn sleep_until<B: Board>(deadline: Instant, set: impl Fn(Instant) -> bool, doze: impl Fn()) {
     /// Longest sleep without feeding the watchdog.
     const NAP: Duration = Duration::millis(250);
     while B::past() < deadline && !is_awake::<B>() {
         B::feed();
-        // Before the critical section, which delays a step.
-        if !set(deadline.min(B::past() + NAP)) {
-            continue;
+        // An interrupt between the check and the sleep ends the sleep (BOARD-6).
+        if set(deadline.min(B::past() + NAP)) && !is_awake::<B>() {
+            doze();
         }
-        // An interrupt during the critical section ends the sleep, so none is missed between the check and
-        // the sleep (BOARD-6).
-        critical_section::with(|_| {
-            if !is_awake::<B>() {
-                doze();
-            }
-        });
     }
 }
 

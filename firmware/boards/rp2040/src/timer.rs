@@ -96,12 +96,6 @@ impl Alarm {
         comes
     }
 
-    /// Returns `true` if the alarm has fired since it was set.
-    #[inline]
-    pub(crate) fn is_over(&self) -> bool {
-        ARMED.read() & 1 << self.number == 0
-    }
-
     /// Acknowledges the alarm's interrupt.
     #[inline]
     pub(crate) fn acknowledge(&self) {

@@ -168,11 +168,7 @@ impl Board for BlackPill {
     #[inline(never)]
     fn sleep_until(deadline: Instant) {
         let set = |at| WAKE.set(at + Duration::from_ticks(1));
-        drivetwin_board::sleep_until::<Self>(deadline, set, || {
-            if !WAKE.is_over() {
-                asm::wfi();
-            }
-        });
+        drivetwin_board::sleep_until::<Self>(deadline, set, asm::wfe);
     }
 }
 

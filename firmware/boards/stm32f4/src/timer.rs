@@ -121,12 +121,6 @@ impl Alarm {
         })
     }
 
-    /// Returns `true` if the time of the alarm has passed.
-    #[inline]
-    pub(crate) fn is_over(&self) -> bool {
-        now() >= critical_section::with(|cs| self.due.borrow(cs).get())
-    }
-
     /// Acknowledges the alarm's interrupt.
     #[inline]
     fn acknowledge(&self) {
