@@ -45,7 +45,8 @@ usage: cargo xtask <command>
           need, but removes nothing for it, or says what to install
   check   run one check by its name in the summary: `check clippy`
   docs    write the generated references in docs/
-  pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`
+  pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`; with the
+          ports of its USB cable on two more: `pico md3 --usb`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
   size    print what each drive costs on each board; fail if one costs too much
   soak    run the property tests with so many new cases each: `soak 20000`
@@ -62,7 +63,7 @@ fn main() -> ExitCode {
         ["test", groups @ ..] => checks::run(groups),
         ["check", name] => shell().and_then(|sh| checks::run_one(&sh, name)).map(|()| true),
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
-        ["pico", kind] => shell().and_then(|sh| pico::run(&sh, kind)).map(|()| true),
+        ["pico", kind, options @ ..] => shell().and_then(|sh| pico::run(&sh, kind, options)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),

@@ -15,6 +15,7 @@ mod play;
 mod qsb;
 mod reset;
 mod rs434;
+mod usb;
 
 use std::path::PathBuf;
 

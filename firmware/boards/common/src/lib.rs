@@ -29,6 +29,7 @@ pub mod station;
 mod steps;
 mod tap;
 mod usart;
+mod usb_serial;
 mod wire;
 
 pub use axis::{Axis, Timer};
@@ -47,4 +48,5 @@ pub use slips::{SLIPPED, untold};
 pub use steps::{StepPins, StepPort};
 pub use tap::Tap;
 pub use usart::Usart;
+pub use usb_serial::{UsbSerial, line_of};
 pub use wire::{AxisPins, End, is_full_duplex};

@@ -2,7 +2,7 @@
 //! direction.
 
 use cortex_m::peripheral::NVIC;
-use drivetwin_board::{Pl011Uart, SerialBus, Uart};
+use drivetwin_board::{Pl011Uart, SerialBus, Tap, Uart};
 use drivetwin_firmware::device::{Duration, Line};
 
 use crate::chip::{Interrupt, This, UART0, interrupt};
@@ -72,6 +72,10 @@ impl Uart for Uart0 {
     #[inline]
     fn turn(sends: bool) {
         pins::write(DE, sends);
+    }
+
+    fn tap() -> Option<&'static Tap> {
+        crate::TAP
     }
 
     #[inline]

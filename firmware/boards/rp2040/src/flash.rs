@@ -12,6 +12,7 @@ use core::{ptr, slice};
 use drivetwin_board::{Directory, Sectors};
 use embedded_storage_async::nor_flash::NorFlashErrorKind;
 
+use crate::registers::Register;
 use crate::watchdog;
 
 const SECTOR: usize = 4096;
@@ -71,6 +72,36 @@ pub(crate) fn directory() -> Option<Directory<'static>> {
     let at: *const u8 = ptr::without_provenance(WINDOW + DIRECTORY);
     // SAFETY: as for `words`.
     Directory::read(unsafe { slice::from_raw_parts(at, Directory::BYTES) })
+}
+
+/// Registers of the interface to the chip (4.10.13), and of its select pin (2.19.6.2).
+const SSI: usize = 0x1800_0000;
+const SSI_SR: Register = Register::at(SSI, 0x28);
+const SSI_DR0: Register = Register::at(SSI, 0x60);
+const SELECT: Register = Register::at(0x4001_8000, 0x0C);
+
+/// The number that every chip has of its own ("Read Unique ID Number", flash chip, 8.2.31).
+pub(crate) fn unique_id() -> [u8; 8] {
+    const READ_UNIQUE_ID: u8 = 0x4B;
+    /// The command, four bytes more, and the answer.
+    const LENGTH: usize = 1 + 4 + 8;
+    const RECEIVED: u32 = 1 << 3;
+    /// Overrides of the select pin, which `flash_flush_cache` ends.
+    const LOW: u32 = 2 << 8;
+    const HIGH: u32 = 3 << 8;
+
+    let mut bytes = [0; LENGTH];
+    bytes[0] = READ_UNIQUE_ID;
+    Chip::command(|| {
+        SELECT.set(LOW);
+        for byte in &mut bytes {
+            SSI_DR0.write(u32::from(*byte));
+            while SSI_SR.read() & RECEIVED == 0 {}
+            *byte = SSI_DR0.read() as u8;
+        }
+        SELECT.set(HIGH);
+    });
+    bytes.last_chunk().copied().unwrap_or_default()
 }
 
 /// The flash chip.

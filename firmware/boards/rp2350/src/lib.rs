@@ -49,7 +49,7 @@ use core::panic::PanicInfo;
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
+use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, Tap, made};
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 
@@ -68,6 +68,9 @@ const ROOM: usize = 256;
 
 /// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
+
+/// The bus sends nothing for a cable.
+pub(crate) const TAP: Option<&Tap> = None;
 
 /// Reserves memory for `$bytes` bytes of saved registers, into which they are read from flash.
 #[macro_export]
@@ -173,11 +176,8 @@ impl Board for Pico2 {
 
     #[inline(never)]
     fn sleep_until(deadline: Instant) {
-        drivetwin_board::sleep_until::<Self>(deadline, |at| {
-            if WAKE.set(at.ticks() / TICKS + 1) {
-                asm::wfi();
-            }
-        });
+        let set = |at: Instant| WAKE.set(at.ticks() / TICKS + 1);
+        drivetwin_board::sleep_until::<Self>(deadline, set, asm::wfe);
     }
 }
 
