@@ -2,7 +2,7 @@
 //! direction.
 
 use cortex_m::peripheral::NVIC;
-use drivetwin_board::{Pl011Uart, SerialBus, Uart};
+use drivetwin_board::{Board, Cable, Pl011Uart, SerialBus, Tap, Uart};
 use drivetwin_firmware::device::{Duration, Line};
 use rp2040_pac::{Interrupt, interrupt};
 
@@ -10,7 +10,7 @@ use crate::clock::HZ;
 use crate::registers::{Register, Rp2040};
 use crate::timer::{self, Alarm};
 use crate::wires::DE;
-use crate::{QUEUE, pins, wires};
+use crate::{Pico, QUEUE, pins, wires};
 
 const UART: Pl011Uart<Rp2040> = Pl011Uart::at(Register::at(0x4003_4000, 0), HZ / 1_000_000);
 
@@ -64,6 +64,15 @@ impl Uart for Uart0 {
     #[inline]
     fn write(byte: u8) {
         UART.write(byte);
+    }
+
+    fn tap() -> Option<&'static Tap> {
+        static TAP: Tap = Tap::new();
+        <Pico as Board>::Cable::IS_THERE.then_some(&TAP)
+    }
+
+    fn lose() {
+        crate::lose();
     }
 
     fn pend() {

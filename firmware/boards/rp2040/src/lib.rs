@@ -36,6 +36,7 @@ mod watchdog;
 pub mod wires;
 
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
@@ -59,6 +60,14 @@ const ROOM: usize = 256;
 
 /// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
+
+/// Number of events that were lost because the queue was full; it wraps.
+static LOST: AtomicU32 = AtomicU32::new(0);
+
+/// Counts a lost event. Called in interrupts of one priority, or in a critical section.
+fn lose() {
+    LOST.store(LOST.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+}
 
 /// Reserves memory for `$bytes` bytes of saved registers, into which they are read from flash.
 #[macro_export]
@@ -140,6 +149,10 @@ impl Board for Pico {
 
     fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
+    }
+
+    fn lost_inputs() -> u32 {
+        LOST.load(Ordering::Relaxed)
     }
 
     fn is_quiet() -> bool {
