@@ -65,6 +65,10 @@ impl Uart for Uart0 {
         UART.write(byte);
     }
 
+    fn lose() {
+        crate::lose();
+    }
+
     fn pend() {
         NVIC::pend(Interrupt::UART0_IRQ);
     }

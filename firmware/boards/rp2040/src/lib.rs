@@ -48,6 +48,7 @@ pub mod wires;
 
 use core::convert::Infallible;
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
@@ -80,6 +81,14 @@ pub(crate) const TAP: Option<&Tap> = {
     static TAP: Tap = Tap::new();
     Some(&TAP)
 };
+
+/// Number of events that were lost because the queue was full; it wraps.
+static LOST: AtomicU32 = AtomicU32::new(0);
+
+/// Counts a lost event. Called in interrupts of one priority, or in a critical section.
+fn lose() {
+    LOST.store(LOST.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+}
 
 /// Reserves memory for `$bytes` bytes of saved registers, into which they are read from flash.
 #[macro_export]
@@ -167,6 +176,10 @@ impl Board for Pico {
 
     fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
+    }
+
+    fn lost_inputs() -> u32 {
+        LOST.load(Ordering::Relaxed)
     }
 
     fn is_quiet() -> bool {

@@ -197,6 +197,7 @@ fn tell(at: Instant, gpio: u32, flags: u32) {
                 told.set(told.get() ^ gp(gpio));
             } else {
                 MISSED.borrow(cs).set(true);
+                crate::lose();
             }
         }
     });

@@ -2,7 +2,7 @@
 
 use drivetwin_board::{Axis, StepPins, StepPort, Timer};
 use drivetwin_firmware::device::Instant;
-use drivetwin_firmware::motion::HIGH;
+use drivetwin_firmware::motion::{Counted, HIGH};
 
 use crate::chip::interrupt;
 use crate::pins;
@@ -10,7 +10,7 @@ use crate::timer::{self, Alarm, TICKS};
 use crate::wires::{DIR, STEP};
 
 /// The axis of the board.
-pub(crate) static AXIS: Axis<Steps> = Axis::new(StepPins::new());
+pub(crate) static AXIS: Axis<Steps> = Axis::new(Counted::new(StepPins::new()));
 
 static ALARM: Alarm = Alarm::new(0);
 
@@ -25,7 +25,7 @@ fn TIMER_IRQ_0() {
 pub(crate) struct Steps;
 
 impl Timer for Steps {
-    type Pins = StepPins<Self>;
+    type Pins = Counted<StepPins<Self>>;
 
     fn start() {
         pins::drive_low(STEP | DIR);
