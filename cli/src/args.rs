@@ -71,6 +71,8 @@ pub(crate) enum Command {
         /// File of an assembled program (see `drivetwin asm`)
         file: PathBuf,
     },
+    /// Copy an image of every kind of drive to a board in its boot loader, or say what to press
+    Flash(Flash),
     /// Print docs/reference/cli.md
     #[command(hide = true)]
     Reference,
@@ -105,6 +107,23 @@ pub(crate) struct Asm {
     /// Output eight hexadecimal digits for each line of the program; to stdout without -o
     #[arg(long)]
     pub(crate) hex: bool,
+}
+
+#[derive(Args)]
+pub(crate) struct Flash {
+    /// Board
+    #[arg(value_enum)]
+    pub(crate) board: Board,
+    /// Image for the board [default: drivetwin-pico.uf2 that came with the program]
+    #[arg(long, value_name = "FILE.uf2")]
+    pub(crate) image: Option<PathBuf>,
+}
+
+/// Boards that `drivetwin flash` knows.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub(crate) enum Board {
+    /// Raspberry Pi Pico
+    Pico,
 }
 
 #[derive(Args)]

@@ -83,6 +83,7 @@ fn execute(command: Command) -> Result<u8, String> {
         Command::Plot(plot) => commands::plot::plot(plot)?,
         Command::Asm(asm) => commands::asm::asm(&asm)?,
         Command::Disasm { file } => commands::disasm::disasm(&file)?,
+        Command::Flash(flash) => commands::flash::flash(&flash)?,
         Command::Reference => commands::reference::reference()?,
     }
     Ok(SUCCESS)

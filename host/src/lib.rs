@@ -35,10 +35,12 @@
 //! | `banner` | text and JSON with the addresses of a running bench |
 //! | [`describe`] | a kind of drive: ports, pins, registers, what is not modelled |
 //! | [`rs_programs`] | user programs of the RS drives in files |
+//! | [`boot_loader`] | the boot loader of a Raspberry Pi Pico, which takes a UF2 |
 
 mod api;
 mod banner;
 mod board;
+pub mod boot_loader;
 mod clock;
 pub mod describe;
 mod event_loop;

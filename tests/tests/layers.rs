@@ -31,6 +31,7 @@ const HAL_SIM: [&str; 19] = [
 const HOST: [&str; 15] = [
     "options",
     "clock",
+    "boot_loader",
     "describe",
     "rs_programs",
     "nv_file",

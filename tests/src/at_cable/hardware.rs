@@ -42,6 +42,7 @@ struct Wires {
     host_line: Option<Line>,
     is_pending: bool,
     stalled: bool,
+    watched: bool,
     uart: UartState,
     steps: Vec<Instant>,
     levels: Vec<(Instant, Pin, Option<bool>)>,
@@ -146,7 +147,17 @@ pub(super) fn untaken(port: CablePort) -> usize {
 }
 
 pub(super) fn stall(stalled: bool) {
-    with(|wires| wires.stalled = stalled);
+    with(|wires| (wires.stalled, wires.is_pending) = (stalled, true));
+}
+
+/// Makes the board stop at each message, so that the computer reads it.
+pub(super) fn set_watched(watched: bool) {
+    with(|wires| wires.watched = watched);
+}
+
+/// Returns true if the computer is about to read.
+fn is_read() -> bool {
+    with(|wires| wires.watched && !wires.stalled && !wires.control.to_host.is_empty())
 }
 
 pub(super) fn catch(event: BoardEvent) {
@@ -451,7 +462,10 @@ impl Board for InMemory {
     }
 
     fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
-        with(|wires| wires.caught.pop_front_if(|(at, _)| *at <= until))
+        with(|wires| {
+            let is_due = wires.caught.front().is_some_and(|(at, _)| *at <= until);
+            if is_due { wires.caught.pop_front() } else { None }
+        })
     }
 
     fn is_quiet() -> bool {
@@ -470,7 +484,7 @@ impl Board for InMemory {
 
     fn sleep_until(deadline: Instant) {
         interrupt();
-        while now() < deadline && now() < HORIZON.get() && !is_awake::<Self>() {
+        while now() < deadline && now() < HORIZON.get() && !is_awake::<Self>() && !is_read() {
             NOW.set(deadline.min(HORIZON.get()).min(next_interrupt()).max(now()));
             interrupt();
         }

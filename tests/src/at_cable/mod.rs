@@ -76,7 +76,9 @@ impl Rig {
 
     /// Runs the board until `until`, and reads the messages of the board.
     pub fn run_until(&mut self, until: Instant) {
+        hardware::set_watched(true);
         self.run(until, Self::read_messages);
+        hardware::set_watched(false);
     }
 
     /// Runs the board until `until`.

@@ -291,7 +291,7 @@ fn an_encoder_turns_there_and_back() {
 #[test]
 fn faster_pulses_than_the_loop_makes_are_refused() {
     let mut rig = Rig::new("qsb-m", true);
-    // 20,000 edges in a second.
+    // 20,000 edges in a second (BOARD-15).
     assert_eq!(rig.call(Call::Turn { encoder: 0, counts: 10, period: 799 }), Err(Refused::TooFast));
     assert_eq!(rig.call(Call::Turn { encoder: 0, counts: 10_000, period: 800 }), Ok(Answer::Done));
     let input = pin(rig.spec(), "DIO0");

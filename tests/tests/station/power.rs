@@ -148,7 +148,7 @@ fn power_fails_in_the_middle_of_a_save_as_on_the_bench() {
     rig.call(Call::Trace(true)).expect("done");
     power(&mut rig, Power::Cut);
     assert!(state(&mut rig).powered, "not before a save");
-    // EEPROMSave = 1: the drive has no power any more when it would answer.
+    // Half of the image is written (BOARD-16). EEPROMControl = 1: the drive has no power any more when it would answer.
     assert_eq!(ask(&mut rig, &rtu::write(1, 0x1A, 1)), [0; 0]);
     assert!(!state(&mut rig).powered);
     let messages = rig.events();

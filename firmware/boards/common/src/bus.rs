@@ -46,6 +46,9 @@ pub trait Uart: Sized + 'static {
         None
     }
 
+    /// Called when a received character is lost because the queue of events is full. A board may count it.
+    fn lose() {}
+
     /// Arranges a call of [`SerialBus::sent`] when the last stop bit has left. Called when no more characters
     /// wait.
     fn end();

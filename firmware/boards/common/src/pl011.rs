@@ -112,7 +112,9 @@ impl<C: Chip> Pl011Uart<C> {
                 };
                 // If the loop is so late that the queue is full, the character is lost. A Modbus frame then
                 // fails its CRC; a command of a QSB has none.
-                let _ = queue.push((at, heard));
+                if !queue.push((at, heard)) {
+                    U::lose();
+                }
             }
         }
         U::bus().send();

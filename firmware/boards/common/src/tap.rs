@@ -1,6 +1,6 @@
 //! Characters that a UART sends, on their way to the cable.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 
 use crate::queue::Queue;
 
@@ -15,6 +15,8 @@ const INSIDE: usize = 2;
 #[derive(Debug)]
 pub struct Tap {
     characters: Queue<u8, ROOM>,
+    /// True if the UART has got a character since the loop has looked.
+    has_more: AtomicBool,
     lost: AtomicU32,
 }
 
@@ -22,14 +24,25 @@ impl Tap {
     /// A tap without characters.
     #[expect(clippy::new_without_default, reason = "a static needs a constant")]
     pub const fn new() -> Self {
-        Self { characters: Queue::new(), lost: AtomicU32::new(0) }
+        Self { characters: Queue::new(), has_more: AtomicBool::new(false), lost: AtomicU32::new(0) }
     }
 
     /// Notes that the UART has got a character. Called in an interrupt.
     pub(crate) fn put(&self, byte: u8) {
+        self.has_more.store(true, Ordering::Relaxed);
         if !self.characters.push(byte) {
             self.lost.store(self.lost.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
         }
+    }
+
+    /// Returns `true` if the UART has got a character since the last [`look`](Self::look).
+    pub(crate) fn has_more(&self) -> bool {
+        self.has_more.load(Ordering::Relaxed)
+    }
+
+    /// Called when the loop is about to check for characters.
+    pub(crate) fn look(&self) {
+        self.has_more.store(false, Ordering::Relaxed);
     }
 
     /// Number of characters that have left; `sends` while the UART still sends.

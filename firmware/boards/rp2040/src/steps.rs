@@ -2,15 +2,15 @@
 
 use drivetwin_board::{Axis, StepPins, StepPort, Timer};
 use drivetwin_firmware::device::Instant;
-use drivetwin_firmware::motion::HIGH;
-use rp2040_pac::interrupt;
+use drivetwin_firmware::motion::{Counted, HIGH};
 
+use crate::chip::interrupt;
 use crate::pins;
 use crate::timer::{self, Alarm, TICKS};
 use crate::wires::{DIR, STEP};
 
 /// The axis of the board.
-pub(crate) static AXIS: Axis<Steps> = Axis::new(StepPins::new());
+pub(crate) static AXIS: Axis<Steps> = Axis::new(Counted::new(StepPins::new()));
 
 static ALARM: Alarm = Alarm::new(0);
 
@@ -25,7 +25,7 @@ fn TIMER_IRQ_0() {
 pub(crate) struct Steps;
 
 impl Timer for Steps {
-    type Pins = StepPins<Self>;
+    type Pins = Counted<StepPins<Self>>;
 
     fn start() {
         pins::drive_low(STEP | DIR);

@@ -27,12 +27,11 @@ impl Control {
     /// Sends what waits, executes a request, or sends events. Returns `true` if there may be more to do.
     pub(crate) fn serve(&mut self, cable: &mut impl Cable, calls: &mut impl Calls) -> bool {
         let is_open = cable.is_open(CablePort::Control);
-        if self.is_open && !is_open {
-            // A later program begins anew.
-            *self = Self::new();
+        if self.is_open != is_open {
+            // Each program begins anew.
+            *self = Self { is_open, ..Self::new() };
             calls.hang_up();
         }
-        self.is_open = is_open;
         if !self.flush(cable) {
             return false;
         }

@@ -187,7 +187,7 @@ impl<B: Board> StationInputs<B> {
     }
 
     /// Notes an event of the hardware. Returns the event for the drive, if there is one.
-    fn from_hardware(&mut self, event: BoardEvent) -> Option<BoardEvent> {
+    fn hardware_event(&mut self, event: BoardEvent) -> Option<BoardEvent> {
         match event {
             BoardEvent::Edge(pin, high) => self.pins.edge(pin, high).then_some(event),
             BoardEvent::Fault(fault, on) => {
@@ -244,7 +244,7 @@ impl<B: Board> Inputs for StationInputs<B> {
             }
             let due = self.due();
             if let Some((at, event)) = self.board.next_event(until.min(due)) {
-                match self.from_hardware(event) {
+                match self.hardware_event(event) {
                     None => continue,
                     Some(event) => return Some((at, event)),
                 }

@@ -43,7 +43,7 @@ use self::control::Control;
 use self::events::Events;
 use self::inputs::StationInputs;
 use self::outputs::StationOutputs;
-use crate::board::{Board, hands};
+use crate::board::{Board, wire_outputs};
 use crate::bus::Uart;
 use crate::cable::{Cable, CablePort};
 
@@ -51,7 +51,7 @@ use crate::cable::{Cable, CablePort};
 /// and other events come beside.
 pub const TRACE: usize = 6_144;
 
-/// Number of edges in a second that all trains of pulses and encoders together may have (BOARD-14).
+/// Number of edges in a second that all trains of pulses and encoders together may have (BOARD-15).
 pub const MOST_EDGES: u64 = 20_000;
 
 /// Number of turns in which a busy drive keeps the station from a request.
@@ -92,7 +92,8 @@ where
         ring: &'a mut [u8; TRACE],
     ) -> Self {
         let spec = drive.spec();
-        let outputs = StationOutputs::new(spec, hands::<B, _, _, WIRES>(spec, wires, memory, links), ring);
+        let outputs =
+            StationOutputs::new(spec, wire_outputs::<B, _, _, WIRES>(spec, wires, memory, links), ring);
         let shell = Shell::new(drive, StationInputs::new(spec), outputs);
         let drive = OnStation { shell, boot, is_on: false };
         Self { drive, cable: B::cable(), control: Control::new(), waited: 0 }
@@ -138,6 +139,7 @@ where
         let line = drive.shell.outputs().line();
         drive.shell.inputs().listen(B::past(), cable, line);
         let Some(tap) = B::Uart::tap() else { return };
+        tap.look();
         let is_read = cable.is_open(CablePort::Bus) && cable.line() == Some(line);
         let mut count = tap.count(B::Uart::bus().sends());
         while let Some(character) = tap.first().filter(|_| count > 0) {

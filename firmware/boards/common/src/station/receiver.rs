@@ -24,7 +24,7 @@ impl Receiver {
 
     /// Takes characters from the cable at `now`, as many as there is room for. A character begins now, or at the end of
     /// the one before it. `line` has the settings of the drive. Characters with other settings are those with an error
-    /// (BOARD-13); without settings there are none.
+    /// (BOARD-14); without settings there are none.
     pub(crate) fn listen(&mut self, now: Instant, cable: &mut impl Cable, line: Line) {
         let sent = cable.line();
         let character = sent.map_or(Duration::ZERO, Line::character);
