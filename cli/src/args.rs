@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{ArgAction, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 
-use drivetwin_host::options::{Assignment, Control, RunOptions};
-use drivetwin_sim::config::listen::Listen;
+use drivetwin_host::options::{Assignment, AttachOptions, BoardPlace, Control, RunOptions};
+use drivetwin_sim::config::listen::{Listen, Uri};
 use drivetwin_sim::config::preset::Number;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::export::plot;
@@ -30,6 +30,8 @@ pub(crate) struct Cli {
 pub(crate) enum Command {
     /// Run a drive, or a bench of several drives
     Run(Box<Run>),
+    /// Attach a board: serve the control API for it, and record what it does
+    Attach(Box<Attach>),
     /// Check a bench file without running it; warnings are printed to stderr
     Check {
         /// Bench file, whose name ends in .toml, or - for standard input
@@ -69,6 +71,8 @@ pub(crate) enum Command {
         /// File of an assembled program (see `drivetwin asm`)
         file: PathBuf,
     },
+    /// Copy an image of every kind of drive to a board in its boot loader, or say what to press
+    Flash(Flash),
     /// Print docs/reference/cli.md
     #[command(hide = true)]
     Reference,
@@ -103,6 +107,23 @@ pub(crate) struct Asm {
     /// Output eight hexadecimal digits for each line of the program; to stdout without -o
     #[arg(long)]
     pub(crate) hex: bool,
+}
+
+#[derive(Args)]
+pub(crate) struct Flash {
+    /// Board
+    #[arg(value_enum)]
+    pub(crate) board: Board,
+    /// Image for the board [default: drivetwin-pico.uf2 that came with the program]
+    #[arg(long, value_name = "FILE.uf2")]
+    pub(crate) image: Option<PathBuf>,
+}
+
+/// Boards that `drivetwin flash` knows.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, ValueEnum)]
+pub(crate) enum Board {
+    /// Raspberry Pi Pico
+    Pico,
 }
 
 #[derive(Args)]
@@ -164,6 +185,52 @@ pub(crate) struct Run {
     /// Print one line of JSON to stdout when ready, and nothing else
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+#[derive(Args)]
+pub(crate) struct Attach {
+    /// Control port of the board: the path of its serial port, usb:SERIAL for a USB serial number, or tcp:HOST:PORT for a
+    /// port behind a server [default: the only board that is plugged in]
+    #[arg(value_name = "DEVICE")]
+    pub(crate) device: Option<BoardPlace>,
+    /// Listening address of the control API, HOST:PORT, or off
+    #[arg(long, value_name = "ADDR", default_value = "127.0.0.1:0")]
+    pub(crate) control: Control,
+    /// Additional host name that requests to the control API may use, besides localhost and its own address; may
+    /// repeat
+    #[arg(long, value_name = "NAME")]
+    pub(crate) allow_host: Vec<String>,
+    /// Address of the drive's bus, for the banner and for programs: serial:DEVICE or tcp:HOST:PORT [default: the other
+    /// port of the board's USB cable]
+    #[arg(long, value_name = "URI")]
+    pub(crate) bus: Option<Uri>,
+    /// Record a trace to FILE while it runs
+    #[arg(long, value_name = "FILE.trace")]
+    pub(crate) record: Option<PathBuf>,
+    /// Write waveforms of pins, motion and messages to FILE while it runs (VCD, for GTKWave)
+    #[arg(long, value_name = "FILE.vcd")]
+    pub(crate) vcd: Option<PathBuf>,
+    /// Write the frames of the bus to FILE while it runs (pcapng, for Wireshark)
+    #[arg(long, value_name = "FILE.pcapng")]
+    pub(crate) pcap: Option<PathBuf>,
+    /// Print one line of JSON to stdout when ready, and nothing else
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+impl From<Attach> for AttachOptions {
+    fn from(attach: Attach) -> Self {
+        Self {
+            place: attach.device.unwrap_or_default(),
+            bus: attach.bus,
+            control: attach.control,
+            allow_host: attach.allow_host,
+            record: attach.record,
+            vcd: attach.vcd,
+            pcap: attach.pcap,
+            recorded: false,
+        }
+    }
 }
 
 /// Heading of the options that a bench file does not allow, because it has keys for them in each drive.

@@ -12,7 +12,7 @@ use std::ffi::OsString;
 use args::{Cli, Command};
 use clap::Parser as _;
 use commands::print;
-use drivetwin_host::options::RunOptions;
+use drivetwin_host::options::{AttachOptions, RunOptions};
 
 /// Exit code: the command is done.
 const SUCCESS: u8 = 0;
@@ -42,6 +42,18 @@ pub fn run_options(arguments: impl IntoIterator<Item = OsString>) -> Result<RunO
     }
 }
 
+/// Reads the arguments of `drivetwin attach`, without the name of the command.
+///
+/// # Errors
+/// One sentence.
+pub fn attach_options(arguments: impl IntoIterator<Item = OsString>) -> Result<AttachOptions, String> {
+    let all = ["drivetwin", "attach"].map(OsString::from).into_iter().chain(arguments);
+    match Cli::try_parse_from(all).map_err(args::sentence)?.command {
+        Command::Attach(attach) => Ok((*attach).into()),
+        _ => Err("these are not the arguments of an attached board".to_owned()),
+    }
+}
+
 fn drivetwin(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     let cli = match Cli::try_parse_from(arguments) {
         Ok(cli) => cli,
@@ -60,6 +72,7 @@ fn drivetwin(arguments: impl IntoIterator<Item = OsString>) -> u8 {
 fn execute(command: Command) -> Result<u8, String> {
     match command {
         Command::Run(run) => commands::run::run(*run)?,
+        Command::Attach(attach) => commands::run::attach(*attach)?,
         Command::Check { file } => commands::check::check(file)?,
         Command::List { json } => commands::list::list(json)?,
         Command::Describe { kinds, json, markdown } => commands::describe::describe(&kinds, json, markdown)?,
@@ -70,6 +83,7 @@ fn execute(command: Command) -> Result<u8, String> {
         Command::Plot(plot) => commands::plot::plot(plot)?,
         Command::Asm(asm) => commands::asm::asm(&asm)?,
         Command::Disasm { file } => commands::disasm::disasm(&file)?,
+        Command::Flash(flash) => commands::flash::flash(&flash)?,
         Command::Reference => commands::reference::reference()?,
     }
     Ok(SUCCESS)

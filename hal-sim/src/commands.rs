@@ -1,14 +1,16 @@
-//! Actions on a bench by the names of the manuals, for tests, programs and the control API.
+//! Actions on a drive by the names of the manuals, for tests, programs and the control API. The drive is on a bench or
+//! elsewhere, for instance on a board: a [`Drive`]. Names, values and the sentences of errors are the same for all.
 //!
 //! ```
 //! use drivetwin_firmware::md3::Md3;
 //! use drivetwin_sim::bench::Bench;
-//! use drivetwin_sim::commands::{self, Refusal};
+//! use drivetwin_sim::commands::{self, OnBench, Refusal};
 //!
 //! let mut bench = Bench::new();
 //! let x = bench.add::<Md3>("x");
-//! commands::fault(&mut bench, x, "over_temperature", true)?;
-//! let wrong = commands::fault(&mut bench, x, "over_temprature", true).unwrap_err();
+//! let mut x = OnBench::new(&mut bench, x);
+//! commands::fault(&mut x, "over_temperature", true)?;
+//! let wrong = commands::fault(&mut x, "over_temprature", true).unwrap_err();
 //! assert!(matches!(wrong, Refusal::Unknown(_)));
 //! assert_eq!(wrong.to_string(), "there is no fault 'over_temprature'; the nearest is 'over_temperature'");
 //! # Ok::<(), Refusal>(())
@@ -16,38 +18,243 @@
 
 use std::fmt;
 
-use drivetwin_firmware::device::{Encoder, Fault, Pin, PinSpec, Port, Role, Spec};
+use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Pin, PinSpec, Port, PresetError, Role, Spec};
 use drivetwin_protocol::registers::Named;
 
-use crate::bench::{Bench, DriveId, ENCODER_HZ, Outlet, PULSE_HZ, PinStimulus};
+use crate::bench::{Bench, Busy, DriveId, ENCODER_HZ, Motion, Outlet, PULSE_HZ, PinStimulus, PowerAction};
 use crate::config::preset::{self, Number, Preset};
 use crate::suggest;
+use crate::value::Value;
 
-/// Reason why a command is refused, in one sentence. The bench is then unchanged.
+/// Reason why a command is refused, in one sentence. The drive is then unchanged.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Refusal {
     /// There is no such name; with the nearest one.
     Unknown(String),
     /// The command is not valid for this drive, pin or register, or a value is out of range.
     Invalid(String),
-    /// The present state of the bench does not allow the command.
+    /// The drive cannot do this in its present state, or where it is.
     Conflict(String),
+    /// The drive cannot be reached now.
+    Away(String),
 }
 
 impl fmt::Display for Refusal {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Unknown(sentence) | Self::Invalid(sentence) | Self::Conflict(sentence) => {
-                f.write_str(sentence)
-            }
+            Self::Unknown(sentence)
+            | Self::Invalid(sentence)
+            | Self::Conflict(sentence)
+            | Self::Away(sentence) => f.write_str(sentence),
         }
     }
 }
 
 impl std::error::Error for Refusal {}
 
+impl From<Busy> for Refusal {
+    fn from(busy: Busy) -> Self {
+        Self::Conflict(busy.to_string())
+    }
+}
+
 fn invalid(sentence: impl Into<String>) -> Refusal {
     Refusal::Invalid(sentence.into())
+}
+
+/// A drive that commands act on. Registers, pins, faults and encoders are numbers of its [`Spec`].
+pub trait Drive {
+    /// Description of its kind.
+    fn spec(&self) -> &'static Spec;
+
+    /// Name of the drive.
+    fn name(&self) -> &str;
+
+    /// Power, pins, faults and motion at one instant.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn state(&mut self) -> Result<State, Refusal>;
+
+    /// Value of a register up to four words long, without the side effects of a read.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn peek(&mut self, row: usize) -> Result<i64, Refusal>;
+
+    /// Value of a register as users see it.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn value(&mut self, row: usize) -> Result<Value, Refusal>;
+
+    /// Names and values of all registers, in the order of the manual.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn values(&mut self) -> Result<Vec<(&'static str, Value)>, Refusal> {
+        self.spec().rows().map(|(row, of)| Ok((of.name, self.value(row)?))).collect()
+    }
+
+    /// Presets a register. `name` is for sentences.
+    ///
+    /// # Errors
+    /// The drive refuses the value, or cannot be reached.
+    fn poke(&mut self, row: usize, name: &str, value: i64) -> Result<(), Refusal>;
+
+    /// Drives an input pin from outside.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn set_pin(&mut self, pin: Pin, stimulus: PinStimulus) -> Result<(), Refusal>;
+
+    /// Sends a train of pulses into an input pin: `hz` of them per second, each for the part `duty` of its period.
+    ///
+    /// # Errors
+    /// A train or an encoder drives the pin already, or the drive cannot be reached.
+    fn pulse(&mut self, pin: Pin, count: u32, hz: f64, duty: f64) -> Result<(), Refusal>;
+
+    /// Turns an encoder by `counts` edges, `hz` of them per second.
+    ///
+    /// # Errors
+    /// The encoder turns already, a train drives one of its pins, or the drive cannot be reached.
+    fn turn(&mut self, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Refusal>;
+
+    /// Sets or clears the cause of a fault.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn set_fault(&mut self, fault: Fault, on: bool) -> Result<(), Refusal>;
+
+    /// Switches the power.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn power(&mut self, action: PowerAction) -> Result<(), Refusal>;
+
+    /// Content of the non-volatile memory: [`Spec::memory`] bytes.
+    ///
+    /// # Errors
+    /// The drive cannot be reached.
+    fn memory(&mut self) -> Result<Vec<u8>, Refusal>;
+
+    /// Replaces the content of the non-volatile memory, which the drive reads at its next power-on.
+    ///
+    /// # Errors
+    /// The drive has power, the memory cannot be written, or the drive cannot be reached.
+    fn set_memory(&mut self, bytes: &[u8]) -> Result<(), Refusal>;
+}
+
+/// State of a drive at one instant.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// True while the drive has power.
+    pub powered: bool,
+    /// Levels of its pins, in the order of [`Spec::pins`].
+    pub levels: Vec<Level>,
+    /// True for each fault whose cause is present, in the order of [`Spec::faults`].
+    pub faults: Vec<bool>,
+    /// Motion of its first axis; `None` if it has none.
+    pub motion: Option<Motion>,
+}
+
+impl State {
+    /// Level of a pin.
+    #[must_use]
+    pub fn level(&self, pin: Pin) -> Level {
+        self.levels.get(usize::from(pin.0)).copied().unwrap_or(Level::Float)
+    }
+}
+
+/// A drive on a bench.
+pub struct OnBench<'a> {
+    bench: &'a mut Bench,
+    id: DriveId,
+}
+
+impl<'a> OnBench<'a> {
+    /// A drive of a bench.
+    pub fn new(bench: &'a mut Bench, id: DriveId) -> Self {
+        Self { bench, id }
+    }
+}
+
+impl Drive for OnBench<'_> {
+    fn spec(&self) -> &'static Spec {
+        self.bench.spec(self.id)
+    }
+
+    fn name(&self) -> &str {
+        self.bench.name(self.id)
+    }
+
+    fn state(&mut self) -> Result<State, Refusal> {
+        let (bench, id, spec) = (&*self.bench, self.id, self.spec());
+        Ok(State {
+            powered: bench.powered(id),
+            levels: (0..).map(Pin).zip(spec.pins).map(|(pin, _)| bench.level(id, pin)).collect(),
+            faults: (0..).map(Fault).zip(spec.faults).map(|(fault, _)| bench.faulty(id, fault)).collect(),
+            motion: spec.axes.first().map(|_| bench.motion(id, Axis(0))),
+        })
+    }
+
+    fn peek(&mut self, row: usize) -> Result<i64, Refusal> {
+        Ok(self.bench.peek(self.id, row))
+    }
+
+    fn value(&mut self, row: usize) -> Result<Value, Refusal> {
+        Ok(self.bench.value(self.id, row))
+    }
+
+    fn poke(&mut self, row: usize, name: &str, value: i64) -> Result<(), Refusal> {
+        let poked = self.bench.poke(self.id, row, value);
+        poked.map_err(|refused| not_preset(self.spec(), row, name, refused))
+    }
+
+    fn set_pin(&mut self, pin: Pin, stimulus: PinStimulus) -> Result<(), Refusal> {
+        self.bench.set_pin(self.id, pin, stimulus);
+        Ok(())
+    }
+
+    fn pulse(&mut self, pin: Pin, count: u32, hz: f64, duty: f64) -> Result<(), Refusal> {
+        Ok(self.bench.pulse_width(self.id, pin, count, hz, duty)?)
+    }
+
+    fn turn(&mut self, encoder: Encoder, counts: i32, hz: f64) -> Result<(), Refusal> {
+        Ok(self.bench.encoder(self.id, encoder, counts, hz)?)
+    }
+
+    fn set_fault(&mut self, fault: Fault, on: bool) -> Result<(), Refusal> {
+        self.bench.fault(self.id, fault, on);
+        Ok(())
+    }
+
+    fn power(&mut self, action: PowerAction) -> Result<(), Refusal> {
+        self.bench.power(self.id, action);
+        Ok(())
+    }
+
+    fn memory(&mut self) -> Result<Vec<u8>, Refusal> {
+        Ok(self.bench.memory(self.id).to_vec())
+    }
+
+    fn set_memory(&mut self, _bytes: &[u8]) -> Result<(), Refusal> {
+        Err(Refusal::Conflict(format!(
+            "{} is emulated here, so its memory cannot be replaced; begin it with a memory by --nv FILE, or nv in a bench file",
+            self.name()
+        )))
+    }
+}
+
+/// The refusal of a preset of a row, called `name` in the sentence.
+#[must_use]
+pub fn not_preset(spec: &Spec, row: usize, name: &str, refused: PresetError) -> Refusal {
+    invalid(preset::refusal(spec, row, name, refused))
+}
+
+/// The refusal of a change that needs power.
+fn no_power(drive: &dyn Drive) -> Refusal {
+    Refusal::Conflict(format!("{} has no power", drive.name()))
 }
 
 /// The drive with that name.
@@ -140,11 +347,9 @@ const GREATEST: std::ops::RangeInclusive<f64> = -1_000.0..=1_000.0;
 ///
 /// # Errors
 /// There is no such input, it takes no such level, or the value is out of range.
-pub fn drive_pin(bench: &mut Bench, drive: DriveId, name: &str, wanted: InputLevel) -> Result<(), Refusal> {
-    let (pin, spec) = input(bench.spec(drive), name)?;
-    let stimulus = stimulus(spec, wanted)?;
-    bench.set_pin(drive, pin, stimulus);
-    Ok(())
+pub fn drive_pin(drive: &mut dyn Drive, name: &str, wanted: InputLevel) -> Result<(), Refusal> {
+    let (pin, spec) = input(drive.spec(), name)?;
+    drive.set_pin(pin, stimulus(spec, wanted)?)
 }
 
 /// Converts a level to a stimulus of an input pin.
@@ -202,15 +407,8 @@ fn stimulus(pin: &PinSpec, wanted: InputLevel) -> Result<PinStimulus, Refusal> {
 ///
 /// # Errors
 /// There is no such input, a value is out of range, or a train or an encoder drives the pin already.
-pub fn pulse_pin(
-    bench: &mut Bench,
-    drive: DriveId,
-    name: &str,
-    count: u32,
-    hz: f64,
-    duty: f64,
-) -> Result<(), Refusal> {
-    let (pin, spec) = input(bench.spec(drive), name)?;
+pub fn pulse_pin(drive: &mut dyn Drive, name: &str, count: u32, hz: f64, duty: f64) -> Result<(), Refusal> {
+    let (pin, spec) = input(drive.spec(), name)?;
     if count == 0 || !PULSE_HZ.contains(&hz) {
         let (least, most) = (PULSE_HZ.start(), PULSE_HZ.end());
         return Err(invalid(format!("a train has at least 1 pulse, and {least} to {most} of them a second")));
@@ -221,8 +419,7 @@ pub fn pulse_pin(
     if spec.role == Role::Analogue {
         return Err(invalid("an analogue input takes no pulses"));
     }
-    let begun = bench.pulse_width(drive, pin, count, hz, duty);
-    begun.map_err(|busy| Refusal::Conflict(busy.to_string()))
+    drive.pulse(pin, count, hz, duty)
 }
 
 /// Turns the encoder at the inputs A and B of a drive by `counts` edges, `hz` of them per second ([`ENCODER_HZ`]);
@@ -230,9 +427,9 @@ pub fn pulse_pin(
 ///
 /// # Errors
 /// The drive has no encoder input, a value is out of range, or the encoder turns already.
-pub fn encoder(bench: &mut Bench, drive: DriveId, counts: i64, hz: f64) -> Result<(), Refusal> {
-    if bench.spec(drive).encoders.is_empty() {
-        return Err(invalid(format!("{} has no encoder input", bench.name(drive))));
+pub fn encoder(drive: &mut dyn Drive, counts: i64, hz: f64) -> Result<(), Refusal> {
+    if drive.spec().encoders.is_empty() {
+        return Err(invalid(format!("{} has no encoder input", drive.name())));
     }
     let counts = i32::try_from(counts).ok().filter(|counts| *counts != 0);
     let counts = counts.filter(|_| ENCODER_HZ.contains(&hz)).ok_or_else(|| {
@@ -241,8 +438,7 @@ pub fn encoder(bench: &mut Bench, drive: DriveId, counts: i64, hz: f64) -> Resul
             "an encoder makes 1 to 2147483647 edges, or -1 to -2147483648 the other way, and {least} to {most} of them a second"
         ))
     })?;
-    let begun = bench.encoder(drive, Encoder(0), counts, hz);
-    begun.map_err(|busy| Refusal::Conflict(busy.to_string()))
+    drive.turn(Encoder(0), counts, hz)
 }
 
 /// New value of a register.
@@ -258,21 +454,20 @@ pub enum NewValue {
 ///
 /// # Errors
 /// There is no such register, it or the drive does not take the value, or the drive has no power.
-pub fn preset(bench: &mut Bench, drive: DriveId, register: &str, value: &NewValue) -> Result<(), Refusal> {
-    let spec = bench.spec(drive);
+pub fn preset(drive: &mut dyn Drive, register: &str, value: &NewValue) -> Result<(), Refusal> {
+    let spec = drive.spec();
     let presets = match value {
         NewValue::Number(number) => Preset::new(spec, register, number).map(|preset| vec![preset]),
         NewValue::Typed(text) => Preset::typed(spec, register, text),
     };
     let is_known = spec.find(register).is_some();
     let presets = presets.map_err(if is_known { Refusal::Invalid } else { Refusal::Unknown })?;
-    if !bench.powered(drive) {
-        return Err(Refusal::Conflict(format!("{} has no power", bench.name(drive))));
+    if !drive.state()?.powered {
+        return Err(no_power(drive));
     }
     for preset in presets {
-        let value = preset.onto(spec, bench.peek(drive, preset.row));
-        let poked = bench.poke(drive, preset.row, value);
-        poked.map_err(|refused| invalid(preset::refusal(spec, preset.row, register, refused)))?;
+        let old = if preset.is_half() { drive.peek(preset.row)? } else { 0 };
+        drive.poke(preset.row, register, preset.onto(spec, old))?;
     }
     Ok(())
 }
@@ -281,11 +476,26 @@ pub fn preset(bench: &mut Bench, drive: DriveId, register: &str, value: &NewValu
 ///
 /// # Errors
 /// The drive has no such fault.
-pub fn fault(bench: &mut Bench, drive: DriveId, name: &str, on: bool) -> Result<(), Refusal> {
-    let faults = bench.spec(drive).faults;
+pub fn fault(drive: &mut dyn Drive, name: &str, on: bool) -> Result<(), Refusal> {
+    let faults = drive.spec().faults;
     let found = (0..).map(Fault).zip(faults).find(|(_, known)| **known == name);
     let (fault, _) =
         found.ok_or_else(|| Refusal::Unknown(suggest::unknown("fault", name, faults.iter().copied())))?;
-    bench.fault(drive, fault, on);
-    Ok(())
+    drive.set_fault(fault, on)
+}
+
+/// Replaces the content of the non-volatile memory, which must have all its bytes.
+///
+/// # Errors
+/// The number of bytes is wrong, the drive has power, or its memory cannot be replaced.
+pub fn set_memory(drive: &mut dyn Drive, bytes: &[u8]) -> Result<(), Refusal> {
+    let size = usize::from(drive.spec().memory);
+    if bytes.len() != size {
+        return Err(invalid(format!(
+            "the memory of {} has {size} bytes, not {}",
+            drive.spec().kind,
+            bytes.len()
+        )));
+    }
+    drive.set_memory(bytes)
 }

@@ -25,7 +25,8 @@ impl Value {
 
     /// The value of a register of this shape. It is the number `value`, or for [`Shape::Words`] the list of the
     /// words in bus order. `word` gives a word by its index.
-    pub(crate) fn with_words(shape: Shape, value: i64, word: impl Fn(usize) -> u16) -> Self {
+    #[must_use]
+    pub fn with_words(shape: Shape, value: i64, word: impl Fn(usize) -> u16) -> Self {
         match shape {
             Shape::Words(count) => Self::Words((0..count.into()).map(|n| word(n).into()).collect()),
             _ => Self::Number(value),

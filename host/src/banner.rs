@@ -27,6 +27,8 @@ pub(crate) enum Address {
         /// Path of its link.
         link: Option<PathBuf>,
     },
+    /// The serial port of a board, which a master opens.
+    Port(PathBuf),
 }
 
 impl Address {
@@ -37,6 +39,7 @@ impl Address {
                 let names = std::iter::once(path).chain(link);
                 names.map(|name| Uri::Pty(Some(name.clone())).to_string()).collect()
             }
+            Self::Port(path) => vec![Uri::Serial(path.clone()).to_string()],
         }
     }
 }
@@ -61,6 +64,8 @@ struct Drive {
     spec: &'static Spec,
     /// Bus address, if the drive has one.
     unit: Option<i64>,
+    /// Place of the board that it is on, and the version of its image; empty for an emulated drive.
+    board: String,
     /// Ports of the drive, and the line or TCP port of each.
     ports: Vec<(Port, Outlet)>,
 }
@@ -82,6 +87,7 @@ impl Banner {
                 name: bench.name(id).into(),
                 spec,
                 unit: spec.address.map(|row| bench.peek(id, row)),
+                board: String::new(),
                 ports: ports.map(|port| (port, bench.outlet(id, port))).collect(),
             }
         });
@@ -99,6 +105,18 @@ impl Banner {
     /// Sets the address of the control API.
     pub(crate) fn set_control(&mut self, address: SocketAddr) {
         self.control = Some(address);
+    }
+
+    /// Sets the board that a drive is on, and the address and the settings of the bus that it has there.
+    pub(crate) fn set_board(&mut self, drive: &str, board: &str, unit: Option<i64>, line: Option<Line>) {
+        for drive in self.drives.iter_mut().filter(|other| other.name == drive) {
+            (drive.board, drive.unit) = (board.to_owned(), unit);
+            for (_, outlet) in &drive.ports {
+                if let Some(reached) = self.outlets.get_mut(outlet) {
+                    reached.line = line.or(reached.line);
+                }
+            }
+        }
     }
 
     /// URIs of each line and TCP port.
@@ -161,6 +179,9 @@ impl Banner {
         let shown = if self.drives.len() > MAX_LISTED { LISTED } else { self.drives.len() };
         for drive in &self.drives[..shown] {
             let _ = writeln!(text, "{}: {}", drive.name, drive.spec.product);
+            if !drive.board.is_empty() {
+                let _ = writeln!(text, "  on the board at {}", drive.board);
+            }
             for (_, outlet) in &drive.ports {
                 let Some(reached) = self.outlets.get(outlet) else { continue };
                 let _ = match reached.line {
@@ -196,7 +217,8 @@ impl Banner {
         if !commands.is_empty() {
             let _ = writeln!(text, "Try:\n  {}", commands.join("\n  "));
         }
-        text.push_str("Ctrl-C ends it.\n");
+        let is_on_board = self.drives.iter().any(|drive| !drive.board.is_empty());
+        text.push_str(if is_on_board { "Ctrl-C ends it; the board goes on.\n" } else { "Ctrl-C ends it.\n" });
         text
     }
 
@@ -265,6 +287,7 @@ impl Drive {
         let Some(line) = reached.line else { return self.command_by_tcp(ends, reached) };
         let pty = reached.addresses.iter().find_map(|address| match address {
             Address::Pty { path, link } => Some(link.as_ref().unwrap_or(path).display().to_string()),
+            Address::Port(path) => Some(path.display().to_string()),
             Address::Uri(_) => None,
         });
         let Line { baud, parity, stop, .. } = line;

@@ -1,4 +1,4 @@
-//! Bench time from the wall clock. This is the only file that reads the wall clock.
+//! Bench time from the wall clock. This is the only file that reads the wall clock or sleeps.
 
 use std::time::{Duration as WallSpan, Instant as WallInstant};
 
@@ -45,6 +45,12 @@ impl Clock {
 #[expect(clippy::disallowed_methods, reason = "only this file reads the wall clock")]
 pub(crate) fn wall() -> WallInstant {
     WallInstant::now()
+}
+
+/// Sleeps, where only a look again can tell what has happened meanwhile.
+#[expect(clippy::disallowed_methods, reason = "only this file sleeps")]
+pub(crate) fn sleep(span: WallSpan) {
+    std::thread::sleep(span);
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::decode;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
-use tracing::{Level, enabled, info, warn};
+use tracing::{Level, enabled, error, info, warn};
 
 use crate::clock::{Clock, wall};
 use crate::live_file::LiveFile;
@@ -156,8 +156,10 @@ pub(crate) struct EventLoop {
     pub(crate) streams: Streams,
     ports: Ports,
     files: Vec<LiveFile>,
-    /// The clock; `None` in manual time.
+    /// The clock; `None` in manual time, and while a board has the clock.
     clock: Option<Clock>,
+    /// True if the clock is that of a board.
+    follows_board: bool,
     warned: bool,
     advance: Option<Advance>,
     /// In manual time, the run that completes the effect of the last change.
@@ -214,6 +216,7 @@ impl EventLoop {
             ports,
             files,
             clock: None,
+            follows_board: false,
             warned: false,
             advance: None,
             idle_run: None,
@@ -232,13 +235,36 @@ impl EventLoop {
         event_loop
     }
 
+    /// Lets the clock be that of a board, whose reports move it.
+    pub(crate) fn follow_board(&mut self) {
+        (self.clock, self.follows_board) = (None, true);
+    }
+
+    /// Replaces the bench, because a board is a drive of another kind now. The files end with the old bench.
+    pub(crate) fn replace_bench(&mut self, bench: Bench) {
+        let old = std::mem::replace(&mut self.bench, bench);
+        for file in self.files.drain(..) {
+            let path = file.path().display().to_string();
+            match file.finish(&old) {
+                Ok(()) => warn!("{path} ends here, because the board is another drive now"),
+                Err(sentence) => error!("{sentence}"),
+            }
+        }
+    }
+
     /// The time mode.
     pub(crate) fn time_mode(&self) -> TimeMode {
+        if self.follows_board {
+            return TimeMode::Times(1);
+        }
         self.clock.as_ref().map_or(TimeMode::Manual, |clock| TimeMode::Times(clock.factor))
     }
 
     /// Sets the time mode. In manual time, pending effects are completed first.
     pub(crate) fn set_time_mode(&mut self, time_mode: TimeMode) {
+        if self.follows_board {
+            return;
+        }
         self.bench.set_frame_timeout(time_mode.frame_timeout());
         self.bench.judge_silence(time_mode != TimeMode::Manual);
         self.bench.forget_silence();
@@ -298,6 +324,15 @@ impl EventLoop {
             self.publish();
         }
         Ok(())
+    }
+
+    /// Executes the submitted jobs that are left, and moves the clock to `at`, until which a board has reported everything.
+    pub(crate) fn catch_up_with_board(&mut self, at: Instant) {
+        self.inbox.jobs.collect();
+        while let Some(job) = self.inbox.jobs.next() {
+            job(self)();
+        }
+        self.bench.report_time(at);
     }
 
     /// Completes the files at the present time of the bench. Returns a sentence for each file that is not

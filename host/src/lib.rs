@@ -28,15 +28,19 @@
 //! | `event_loop` | the thread that owns the bench and paces it by the wall clock |
 //! | `streams`, `lender` | other threads of this process that use the bench |
 //! | `ports` | ptys, TCP and serial ports, standard input and output |
+//! | `board` | boards at this computer |
 //! | `api` | the control API (HTTP, JSON) |
 //! | `nv_file` | non-volatile memory in a file |
 //! | `output_file`, `live_file` | recordings, waveforms and frames, written while the bench runs |
 //! | `banner` | text and JSON with the addresses of a running bench |
 //! | [`describe`] | a kind of drive: ports, pins, registers, what is not modelled |
 //! | [`rs_programs`] | user programs of the RS drives in files |
+//! | [`boot_loader`] | the boot loader of a Raspberry Pi Pico, which takes a UF2 |
 
 mod api;
 mod banner;
+mod board;
+pub mod boot_loader;
 mod clock;
 pub mod describe;
 mod event_loop;
@@ -50,6 +54,7 @@ pub mod rs_programs;
 mod run;
 mod streams;
 
+pub use board::{Drive as BoardDrive, OnBoard, reasons};
 pub use lender::{Lender, Loan, Possession, Wait, Waited};
-pub use run::{Configuration, Memories, Offline, Prepared, Running};
+pub use run::{Configuration, Memories, Offline, Prepared, Running, attach};
 pub use streams::Streams;

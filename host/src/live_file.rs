@@ -5,6 +5,7 @@
 
 use std::fs::File;
 use std::io;
+use std::path::Path;
 
 use drivetwin_sim::bench::Bench;
 use drivetwin_sim::export::pcapng::Pcapng;
@@ -88,6 +89,11 @@ impl LiveFile {
         output.begin()?;
         let writer = Some(output.fails(output.file().try_clone().and_then(write))?);
         Ok(Self { output, writer })
+    }
+
+    /// Path of the file.
+    pub(crate) fn path(&self) -> &Path {
+        self.output.path()
     }
 
     /// Writes the events that are new since the last call. If the file cannot be written, the error is logged

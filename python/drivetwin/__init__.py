@@ -13,7 +13,8 @@ Times are in seconds of bench time, positions in steps or counts, currents in A.
 `Error` with the sentence that the command `drivetwin` prints.
 """
 
-from ._errors import Error, UnknownName
+from ._board import attach
+from ._errors import Error, NotOnBoard, UnknownName
 from ._native import Bench, Drive, Line, Motion, Motor, Pins, Port, Registers, Request, RequestRegister, kinds
 from ._native import __version__
 from ._run import run
@@ -33,12 +34,14 @@ __all__ = [
     "Line",
     "Motion",
     "Motor",
+    "NotOnBoard",
     "Pins",
     "Port",
     "Registers",
     "Request",
     "RequestRegister",
     "UnknownName",
+    "attach",
     "kinds",
     "run",
 ]

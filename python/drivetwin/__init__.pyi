@@ -5,6 +5,7 @@ from types import TracebackType
 from typing import Any, Literal, Optional, TypeVar, Union, final, overload
 
 from ._errors import Error as Error
+from ._errors import NotOnBoard as NotOnBoard
 from ._errors import UnknownName as UnknownName
 
 __all__ = [
@@ -14,12 +15,14 @@ __all__ = [
     "Line",
     "Motion",
     "Motor",
+    "NotOnBoard",
     "Pins",
     "Port",
     "Registers",
     "Request",
     "RequestRegister",
     "UnknownName",
+    "attach",
     "kinds",
     "run",
 ]
@@ -51,6 +54,17 @@ def run(
     fast_boot: bool = ...,
     strict: bool = ...,
     seed: Optional[int] = ...,
+    record: Optional[_Path] = ...,
+    vcd: Optional[_Path] = ...,
+    pcap: Optional[_Path] = ...,
+) -> Bench: ...
+
+def attach(
+    device: Optional[_Path] = ...,
+    *,
+    bus: Optional[str] = ...,
+    control: Union[str, Literal[False], None] = ...,
+    allow_host: Union[str, Sequence[str]] = ...,
     record: Optional[_Path] = ...,
     vcd: Optional[_Path] = ...,
     pcap: Optional[_Path] = ...,
@@ -267,12 +281,21 @@ class Bench:
     def values(self) -> list[Drive]: ...
     @staticmethod
     def _run(arguments: Sequence[str]) -> Bench: ...
+    @staticmethod
+    def _attach(arguments: Sequence[str]) -> Bench: ...
+    def _begin_anew(
+        self, kind: str, address: Union[int, str, None], set: Optional[dict[str, _NewValue]]
+    ) -> Drive: ...
+    def _boots_fast(self) -> bool: ...
+    @property
+    def board(self) -> Optional[str]: ...
     @property
     def now(self) -> float: ...
     @property
     def control(self) -> Optional[str]: ...
     time: str
     def advance(self, seconds: float) -> None: ...
+    def wait(self, seconds: float) -> None: ...
     def run_until(self, seconds: float) -> None: ...
     def line(self, name: str) -> Line: ...
     def bus(self, name: str, drives: Sequence[Union[str, Drive]], **keys: Any) -> Line: ...

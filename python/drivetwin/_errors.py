@@ -10,3 +10,7 @@ class UnknownName(Error, KeyError):
 
     # That of KeyError puts the sentence in quotes.
     __str__ = Exception.__str__
+
+
+class NotOnBoard(Error):
+    """Something that a bench does, and a board cannot do: virtual time, faults of a line, emulated motors and wires."""

@@ -25,15 +25,16 @@ def run(what, **options):
     (`advance`, `run_until`) raise. Every call of the bench waits for its turn; in a coroutine use `asyncio.to_thread`
     for those that take long.
     """
-    return Bench._run(_arguments(what, options))
+    return Bench._run([_path(what, "run takes a kind or the path of a bench file"), *arguments(None, options, "run")])
 
 
-def _arguments(what, options):
-    arguments = [_path(what, "run takes a kind or the path of a bench file")]
+def arguments(what, options, of):
+    """Arguments of the command `of` for options by their names."""
+    arguments = [] if what is None else [_path(what, f"{of} takes a string")]
     for name, value in options.items():
         option = "--" + name.replace("_", "-")
         if name in _OF_THE_COMMAND:
-            raise TypeError(f"run has no argument {name!r}: it prints nothing")
+            raise TypeError(f"{of} has no argument {name!r}: it prints nothing")
         if value is None:
             continue
         if name in _FLAGS:

@@ -7,21 +7,22 @@ use std::sync::Arc;
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_host::options::{Assignment, RunOptions};
-use drivetwin_host::{Configuration, Memories, Offline};
+use drivetwin_host::{Configuration, Memories, Offline, OnBoard, reasons};
 use drivetwin_sim::bench::{self, DriveId, Settings};
+use drivetwin_sim::commands::{self, Refusal};
 use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::has_own_motor;
 use drivetwin_sim::config::preset::{Number, Preset};
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::export::plot::Options;
 use drivetwin_sim::record::trace::Retention;
-use drivetwin_sim::{catalog, commands, export};
+use drivetwin_sim::{catalog, export};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyIterator, PyList, PyString, PyTuple};
 
 use crate::drive::Drive;
-use crate::errors::{Error, refused, whole, words, wrong};
+use crate::errors::{Error, NotOnBoard, refused, whole, words, wrong};
 use crate::line::Line;
 use crate::recording::{self, PanelView};
 use crate::server::Server;
@@ -60,6 +61,7 @@ impl Bench {
 
     /// Refuses what changes the ports of a bench that is served.
     fn check_no_ports(&self, method: &str) -> PyResult<()> {
+        self.shared.refuse_on_board(reasons::NO_BENCH)?;
         if self.shared.server().is_none() {
             return Ok(());
         }
@@ -70,6 +72,7 @@ impl Bench {
 
     /// Adds a table of a bench file.
     fn add_table(&self, py: Python<'_>, name: &str, keys: &Bound<'_, PyDict>) -> PyResult<()> {
+        self.shared.refuse_on_board(reasons::NO_BENCH)?;
         let text = tables::table(name, keys)?;
         let added = self.shared.with(py, |open| tables::add(open.bench, &text).map(drop))?;
         added.map_err(|sentence| wrong(&sentence))
@@ -131,6 +134,67 @@ impl Bench {
         Ok(Self { shared: Shared::of_run(Server::start(py, arguments)?) })
     }
 
+    /// Runs `drivetwin attach` with these arguments in a thread, which serves the control API of a board.
+    #[staticmethod]
+    fn _attach(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
+        Ok(Self { shared: Shared::of_run(Server::attach(py, arguments)?) })
+    }
+
+    /// Makes the drive of a board a new one of this kind, with registers as `add` takes them. Returns it.
+    #[pyo3(signature = (kind, address, set))]
+    fn _begin_anew(
+        &self,
+        py: Python<'_>,
+        kind: &str,
+        address: Option<&Bound<'_, PyAny>>,
+        set: Option<&Bound<'_, PyDict>>,
+    ) -> PyResult<Drive> {
+        let spec = catalog::make(kind).map_err(|sentence| wrong(&sentence))?.spec();
+        let Some(board) = self.shared.board() else {
+            return Err(Error::new_err("the drives of this bench are emulated; add makes new ones"));
+        };
+        let mut presets = Vec::new();
+        if let Some(address) = address {
+            let row = spec.address.and_then(|row| spec.registers.rows.get(row));
+            let row = row.ok_or_else(|| wrong(&format!("address: {kind} has no bus address")))?;
+            let preset = Preset::new(spec, row.name, &number("address", address)?);
+            presets.push(preset.map_err(|sentence| wrong(&format!("address: {sentence}")))?);
+        }
+        for (register, value) in set.into_iter().flat_map(|set| set.iter()) {
+            let register = register.extract::<String>()?;
+            let value = assigned(&format!("set: {register}"), &value)?;
+            let preset = Preset::typed(spec, &register, &value);
+            presets.extend(preset.map_err(|sentence| wrong(&format!("set: {sentence}")))?);
+        }
+        let begun = py.detach(|| {
+            if commands::Drive::spec(&board.drive()?).kind != kind {
+                board.drive()?.choose(kind)?;
+            }
+            board.drive()?.begin_anew(&presets)
+        });
+        begun.map_err(|refusal| match refusal {
+            Refusal::Conflict(sentence) => NotOnBoard::new_err(sentence),
+            other => refused(other),
+        })?;
+        // A drive of another kind is on the bench a moment later.
+        self.shared
+            .poll(py, |open| open.bench.drives().any(|id| open.bench.spec(id).kind == kind).then_some(()))?;
+        let id = self.shared.with(py, |open| open.bench.drives().next())?;
+        self.drive(py, id.ok_or_else(|| Error::new_err("the board is gone"))?)
+    }
+
+    /// True if the drive of the board starts without its start-up delay.
+    fn _boots_fast(&self, py: Python<'_>) -> PyResult<bool> {
+        let Some(board) = self.shared.board() else { return Ok(false) };
+        py.detach(|| Ok(board.drive()?.is_fast_boot())).map_err(refused)
+    }
+
+    /// Place of the board, for instance "/dev/ttyACM1 (usb:E661)"; None if the drives are emulated here.
+    #[getter]
+    fn board(&self) -> Option<String> {
+        self.shared.board().map(OnBoard::place)
+    }
+
     /// URL of the control API; None if there is none. `drivetwin.run` serves it.
     #[getter]
     fn control(&self) -> Option<&str> {
@@ -148,6 +212,9 @@ impl Bench {
     fn set_time(&self, py: Python<'_>, mode: &str) -> PyResult<()> {
         let mode: TimeMode =
             mode.parse().map_err(|sentence| Error::new_err(format!("time: {sentence}, not '{mode}'")))?;
+        if mode != TimeMode::Times(1) {
+            self.shared.refuse_on_board(reasons::NO_TIME)?;
+        }
         if self.shared.server().is_none() && mode != TimeMode::Manual {
             return Err(Error::new_err(
                 "a bench without ports has virtual time; drivetwin.run has one that follows the wall clock",
@@ -239,19 +306,30 @@ impl Bench {
     /// Bench time in seconds.
     #[getter]
     fn now(&self, py: Python<'_>) -> PyResult<f64> {
+        if let Some(board) = self.shared.board() {
+            return py.detach(|| board.drive()?.now()).map(seconds).map_err(refused);
+        }
         self.shared.with(py, |open| seconds(open.bench.now()))
     }
 
     /// Lets that many seconds of bench time pass, at once. Other threads run meanwhile, and Ctrl-C interrupts.
     fn advance(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         let span = span("advance", seconds)?;
+        self.shared.refuse_on_board(reasons::NO_TIME)?;
         let until = self.shared.with(py, |open| open.bench.now() + span)?;
         self.shared.run(py, until)
+    }
+
+    /// Lets that many seconds pass: at once, as `advance` does, and where the clock follows the wall clock, or on a board,
+    /// really. A test that calls `wait` runs on both.
+    fn wait(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
+        self.shared.wait(py, span("wait", seconds)?)
     }
 
     /// Lets bench time pass until `seconds`, at once, as `advance` does. Time does not go back.
     fn run_until(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         let until = Instant::ZERO + span("run_until", seconds)?;
+        self.shared.refuse_on_board(reasons::NO_TIME)?;
         let now = self.shared.with(py, |open| open.bench.now())?;
         if until < now {
             let now = crate::shared::seconds(now);
@@ -263,6 +341,7 @@ impl Bench {
     /// The line or TCP port with that name: the name of a bus of a bench file, or "DRIVE.PORT".
     fn line(&self, py: Python<'_>, name: &str) -> PyResult<Line> {
         let found = self.shared.with(py, |open| commands::outlet(open.bench, name))?;
+        self.shared.refuse_on_board(reasons::NO_LINE_FAULTS)?;
         Ok(Line::new(Arc::clone(&self.shared), found.map_err(refused)?))
     }
 
@@ -362,6 +441,7 @@ impl Bench {
     /// Plays a scenario: the steps of a table `[[scenario]]` of a bench file, for instance
     /// `[{"at_s": 0.5, "drive": "x", "fault": "over_temperature"}]`.
     fn scenario(&self, py: Python<'_>, steps: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.shared.refuse_on_board(reasons::NO_SCENARIO)?;
         let table = PyDict::new(py);
         table.set_item("steps", steps)?;
         let text = tables::table("scenario", &table)?;
@@ -390,6 +470,7 @@ impl Bench {
             )));
         }
         let span = span("every", every)?;
+        self.shared.catch_up(py)?;
         if span < Duration::micros(1) {
             return Err(Error::new_err(format!("every takes at least 0.000001 s, not {every}")));
         }
@@ -436,24 +517,28 @@ impl Bench {
             seconds.map(|seconds| span(name, seconds)).transpose()?;
         }
         let options = Options { drives, from: start, to: end, ..Options::default() };
+        self.shared.catch_up(py)?;
         let trace = self.shared.with_detached(py, |open| recording::copy(open.bench))?;
         recording::panels(py, &trace, &options)
     }
 
     /// The recording so far, as text for `drivetwin replay`.
     fn trace(&self, py: Python<'_>) -> PyResult<String> {
+        self.shared.catch_up(py)?;
         self.shared.with_detached(py, |open| open.bench.trace().to_text())
     }
 
     /// The waveforms of pins, motion and messages so far (VCD, for GTKWave), at most 256 MiB of them: a minute of fast step
     /// pulses.
     fn vcd<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        self.shared.catch_up(py)?;
         let trace = self.shared.with_detached(py, |open| open.bench.trace().clone())?;
         Ok(PyBytes::new(py, &recording::vcd(py, &trace)?))
     }
 
     /// All frames on the bench's lines and TCP ports up to now (pcapng, for Wireshark).
     fn pcapng<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        self.shared.catch_up(py)?;
         let bytes = self.shared.with_detached(py, |open| {
             let mut bytes = Vec::new();
             export::pcapng::write(open.bench, &mut bytes).map(|()| bytes)

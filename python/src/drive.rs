@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
 
-use drivetwin_firmware::device::{Fault, Instant, Port as PortNumber, Spec};
+use drivetwin_firmware::device::{Instant, Port as PortNumber, Spec};
+use drivetwin_host::reasons;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{DriveId, PowerAction};
 use drivetwin_sim::{commands, suggest};
@@ -68,8 +69,7 @@ impl Drive {
     }
 
     fn set_fault(&self, py: Python<'_>, name: &str, on: bool) -> PyResult<()> {
-        let set = self.shared.with(py, |open| commands::fault(open.bench, self.id, name, on))?;
-        set.map_err(refused)
+        self.shared.act(py, self.id, |drive| commands::fault(drive, name, on))
     }
 }
 
@@ -113,7 +113,11 @@ impl Drive {
     fn uri(&self, port: Option<&str>) -> PyResult<String> {
         let name = self.port_name(port)?;
         self.uris(port)?.into_iter().next().ok_or_else(|| {
-            Error::new_err(format!("{name} of {} has no address; drivetwin.run gives it one", self.name))
+            let how = match self.shared.board() {
+                Some(_) => "drivetwin.attach takes bus='serial:DEVICE' or bus='tcp:HOST:PORT'",
+                None => "drivetwin.run gives it one",
+            };
+            Error::new_err(format!("{name} of {} has no address; {how}", self.name))
         })
     }
 
@@ -122,8 +126,12 @@ impl Drive {
     fn pty(&self) -> PyResult<String> {
         for port in self.spec.ports {
             let uris = self.uris(Some(port.name))?;
-            if let Some(path) = uris.iter().find_map(|uri| uri.strip_prefix("pty:")) {
-                return Ok(path.to_owned());
+            // The port of a board is one, too, for a master.
+            let path =
+                |uri: &String| uri.strip_prefix("pty:").or(uri.strip_prefix("serial:")).map(str::to_owned);
+            let is_port = |uri: &&String| uri.starts_with("pty:") || self.shared.board().is_some();
+            if let Some(path) = uris.iter().filter(is_port).find_map(path) {
+                return Ok(path);
             }
         }
         Err(Error::new_err(format!(
@@ -142,6 +150,12 @@ impl Drive {
         port: Option<&str>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         let port = self.find_port(port)?;
+        if let Some(board) = self.shared.board() {
+            let line = py.detach(|| board.drive()?.line()).map_err(refused)?;
+            let master = py.import("drivetwin._board")?;
+            let reply = master.call_method1("ask", (self.uri(None)?, line, PyBytes::new(py, &frame)))?;
+            return Ok(reply.cast_into()?);
+        }
         let reply = self
             .shared
             .with(py, |open| open.is_manual().then(|| open.bench.ask_at(self.id, port, &frame)))?;
@@ -168,10 +182,9 @@ impl Drive {
     #[getter]
     fn leds(&self, py: Python<'_>) -> PyResult<BTreeMap<&'static str, bool>> {
         use drivetwin_firmware::device::Level;
-        self.shared.with(py, |open| {
-            let lights = self.spec.pin_names().filter(|(_, pin)| is_light(self.spec, *pin));
-            lights.map(|(name, pin)| (name, open.bench.level(self.id, pin) == Level::High)).collect()
-        })
+        let state = self.shared.act(py, self.id, |drive| drive.state())?;
+        let lights = self.spec.pin_names().filter(|(_, pin)| is_light(self.spec, *pin));
+        Ok(lights.map(|(name, pin)| (name, state.level(pin) == Level::High)).collect())
     }
 
     /// Motion of the first axis at this instant.
@@ -183,7 +196,8 @@ impl Drive {
                 self.name, self.spec.kind
             )));
         }
-        self.shared.with(py, |open| Motion::of(open.bench, self.id))
+        let state = self.shared.act(py, self.id, |drive| drive.state())?;
+        Ok(Motion::of(state.motion.unwrap_or_default()))
     }
 
     /// The pulses of the STEP output since the last power-on: a list of (seconds, +1 or -1), or, where numpy is installed,
@@ -192,6 +206,7 @@ impl Drive {
         if self.spec.axes.first().is_none_or(|axis| axis.step_dir.is_none()) {
             return Err(Error::new_err(format!("{} has no STEP output", self.name)));
         }
+        self.shared.catch_up(py)?;
         let pulses = self.shared.with_detached(py, |open| recording::pulses(open.bench, self.id))?;
         let pulses = pulses.ok_or_else(|| {
             Error::new_err(format!(
@@ -216,8 +231,7 @@ impl Drive {
     /// (0.000001 to 16,000,000); backwards if `counts` is negative. The edges come while time advances.
     fn encoder(&self, py: Python<'_>, counts: &Bound<'_, PyAny>, hz: f64) -> PyResult<()> {
         let counts = whole("counts", counts)?;
-        let begun = self.shared.with(py, |open| commands::encoder(open.bench, self.id, counts, hz))?;
-        begun.map_err(refused)
+        self.shared.act(py, self.id, |drive| commands::encoder(drive, counts, hz))
     }
 
     /// Sends a train of `count` pulses into an input pin, `hz` of them per second of bench time (0.000001 to 8,000,000).
@@ -225,9 +239,7 @@ impl Drive {
     #[pyo3(signature = (pin, count, hz, duty = 0.5))]
     fn pulse(&self, py: Python<'_>, pin: &str, count: &Bound<'_, PyAny>, hz: f64, duty: f64) -> PyResult<()> {
         let count = whole("count", count)?;
-        let begun =
-            self.shared.with(py, |open| commands::pulse_pin(open.bench, self.id, pin, count, hz, duty))?;
-        begun.map_err(refused)
+        self.shared.act(py, self.id, |drive| commands::pulse_pin(drive, pin, count, hz, duty))
     }
 
     /// Sets the cause of a fault, for instance "over_temperature".
@@ -243,10 +255,8 @@ impl Drive {
     /// Faults by name: True while the cause is present.
     #[getter]
     fn faults(&self, py: Python<'_>) -> PyResult<BTreeMap<&'static str, bool>> {
-        self.shared.with(py, |open| {
-            let faults = (0..).map(Fault).zip(self.spec.faults);
-            faults.map(|(fault, &name)| (name, open.bench.faulty(self.id, fault))).collect()
-        })
+        let state = self.shared.act(py, self.id, |drive| drive.state())?;
+        Ok(self.spec.faults.iter().copied().zip(state.faults).collect())
     }
 
     /// Switches the power: "off", "on", "cycle" (off and on again), or "cut": it fails in the middle of the next save.
@@ -261,19 +271,20 @@ impl Drive {
             let names = ACTIONS.iter().map(|(name, _)| *name);
             UnknownName::new_err(suggest::unknown("power action", action, names))
         })?;
-        self.shared.with(py, |open| open.bench.power(self.id, found.1))
+        self.shared.act(py, self.id, |drive| drive.power(found.1))
     }
 
     /// True while the drive has power.
     #[getter]
     fn powered(&self, py: Python<'_>) -> PyResult<bool> {
-        self.shared.with(py, |open| open.bench.powered(self.id))
+        Ok(self.shared.act(py, self.id, |drive| drive.state())?.powered)
     }
 
     /// The line or TCP port of a port, the first one if none is named.
     #[pyo3(signature = (port = None))]
     fn line(&self, py: Python<'_>, port: Option<&str>) -> PyResult<Line> {
         let port = self.find_port(port)?;
+        self.shared.refuse_on_board(reasons::NO_LINE_FAULTS)?;
         let outlet = self.shared.with(py, |open| open.bench.outlet(self.id, port))?;
         Ok(Line::new(Arc::clone(&self.shared), outlet))
     }
@@ -293,6 +304,7 @@ impl Drive {
         let function = function.map(|function| whole("function", function)).transpose()?;
         let register =
             register.map(|name| commands::register(self.spec, name)).transpose().map_err(refused)?;
+        self.shared.refuse_on_board(reasons::NO_JOURNAL)?;
         let mut received = self.shared.with(py, |open| open.bench.received(self.id))?.since(since);
         if let Some(function) = function {
             received = received.of_function(function);
@@ -307,6 +319,7 @@ impl Drive {
     fn wrote_before(&self, py: Python<'_>, first: &str, then: &str) -> PyResult<bool> {
         let find = |name| commands::register(self.spec, name).map_err(refused);
         let (first, then) = (find(first)?, find(then)?);
+        self.shared.refuse_on_board(reasons::NO_JOURNAL)?;
         Ok(self.shared.with(py, |open| open.bench.received(self.id))?.wrote_before(first, then))
     }
 
@@ -316,6 +329,7 @@ impl Drive {
     #[pyo3(signature = (port = None))]
     fn statistics<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyDict>> {
         let port = self.find_port(port)?;
+        self.shared.refuse_on_board(reasons::NO_JOURNAL)?;
         let (line, starting) = self.shared.with(py, |open| {
             let outlet = open.bench.outlet(self.id, port);
             (open.bench.request_statistics(outlet), open.bench.starting_requests(self.id))
@@ -333,6 +347,7 @@ impl Drive {
     /// Opens a port as a stream on virtual time.
     fn port(&self, py: Python<'_>, name: &str) -> PyResult<Port> {
         let port = self.find_port(Some(name))?;
+        self.shared.refuse_on_board(reasons::NO_STREAM)?;
         let (client, bus) = self.shared.with(py, |open| {
             (open.streams.connect(open.bench, self.id, port), open.bench.bus(self.id, port))
         })?;
@@ -346,6 +361,9 @@ impl Drive {
     #[pyo3(signature = (port = None))]
     fn url<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let name = self.port_name(port)?;
+        if self.shared.board().is_some() {
+            return py.import("drivetwin._board")?.call_method1("url", (self.uri(port)?,));
+        }
         let handler = py.import("drivetwin.urlhandler")?;
         handler.call_method1("url", (self.bench(), &self.name, name))
     }

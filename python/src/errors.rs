@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyList, PyTuple};
 
 pyo3::import_exception!(drivetwin._errors, Error);
+pyo3::import_exception!(drivetwin._errors, NotOnBoard);
 pyo3::import_exception!(drivetwin._errors, UnknownName);
 
 /// The exception for a sentence. The options of the command line are keyword arguments here.
@@ -45,6 +46,8 @@ pub(crate) fn words(name: &str, value: &Bound<'_, PyAny>) -> PyResult<Option<Vec
 pub(crate) fn refused(refusal: Refusal) -> PyErr {
     match refusal {
         Refusal::Unknown(sentence) => UnknownName::new_err(sentence),
-        Refusal::Invalid(sentence) | Refusal::Conflict(sentence) => Error::new_err(sentence),
+        Refusal::Invalid(sentence) | Refusal::Conflict(sentence) | Refusal::Away(sentence) => {
+            Error::new_err(sentence)
+        }
     }
 }

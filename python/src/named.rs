@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use drivetwin_firmware::device::{Level, Pin, Role, Spec};
 use drivetwin_protocol::registers::Named;
-use drivetwin_sim::bench::{Bench, DriveId};
-use drivetwin_sim::commands::{self, Contact, InputLevel, NewValue};
+use drivetwin_sim::bench::DriveId;
+use drivetwin_sim::commands::{self, Contact, Drive, InputLevel, NewValue, Refusal};
 use drivetwin_sim::config::preset::Number;
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyIterator, PyList};
@@ -35,22 +35,22 @@ impl Registers {
 }
 
 /// Value of a register, or of one word of it.
-fn read(bench: &Bench, drive: DriveId, register: Named) -> RegisterValue {
-    let table = bench.spec(drive).registers;
-    match (register.word, table.rows.get(register.row)) {
-        (Some(word), Some(row)) => {
-            let value = bench.peek(drive, register.row);
-            RegisterValue::Number(table.word(row.shape, value, word.into()).into())
+fn read(drive: &mut dyn Drive, name: &str) -> Result<RegisterValue, Refusal> {
+    let table = drive.spec().registers;
+    let Named { row, word } = commands::register(drive.spec(), name)?;
+    match (word, table.rows.get(row)) {
+        (Some(word), Some(of)) => {
+            let value = drive.peek(row)?;
+            Ok(RegisterValue::Number(table.word(of.shape, value, word.into()).into()))
         }
-        _ => bench.value(drive, register.row).into(),
+        _ => Ok(drive.value(row)?.into()),
     }
 }
 
 #[pymethods]
 impl Registers {
     fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<RegisterValue> {
-        let register = commands::register(self.spec, name).map_err(refused)?;
-        self.shared.with(py, |open| read(open.bench, self.id, register))
+        self.shared.act(py, self.id, |drive| read(drive, name))
     }
 
     fn __setitem__(&self, py: Python<'_>, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
@@ -61,8 +61,7 @@ impl Registers {
         } else {
             NewValue::Number(Number::Decimal(whole(name, value)?))
         };
-        let set = self.shared.with(py, |open| commands::preset(open.bench, self.id, name, &value))?;
-        set.map_err(refused)
+        self.shared.act(py, self.id, |drive| commands::preset(drive, name, &value))
     }
 
     fn __contains__(&self, name: &str) -> bool {
@@ -89,9 +88,8 @@ impl Registers {
 
     /// Names and values, in the order of the manual.
     fn items(&self, py: Python<'_>) -> PyResult<Vec<(&'static str, RegisterValue)>> {
-        self.shared.with(py, |open| {
-            self.spec.rows().map(|(row, of)| (of.name, open.bench.value(self.id, row).into())).collect()
-        })
+        let values = self.shared.act(py, self.id, |drive| drive.values())?;
+        Ok(values.into_iter().map(|(name, value)| (name, value.into())).collect())
     }
 
     /// The value of a register, or `default` if there is no such register.
@@ -129,8 +127,7 @@ impl Pins {
     }
 
     fn set(&self, py: Python<'_>, name: &str, level: InputLevel) -> PyResult<()> {
-        let set = self.shared.with(py, |open| commands::drive_pin(open.bench, self.id, name, level))?;
-        set.map_err(refused)
+        self.shared.act(py, self.id, |drive| commands::drive_pin(drive, name, level))
     }
 }
 
@@ -150,8 +147,10 @@ fn level_name(level: Level) -> &'static str {
 #[pymethods]
 impl Pins {
     fn __getitem__(&self, py: Python<'_>, name: &str) -> PyResult<&'static str> {
-        let (pin, _) = commands::pin(self.spec, name).map_err(refused)?;
-        self.shared.with(py, |open| level_name(open.bench.level(self.id, pin)))
+        self.shared.act(py, self.id, |drive| {
+            let (pin, _) = commands::pin(drive.spec(), name)?;
+            Ok(level_name(drive.state()?.level(pin)))
+        })
     }
 
     fn __setitem__(&self, py: Python<'_>, name: &str, level: &Bound<'_, PyAny>) -> PyResult<()> {
@@ -200,9 +199,8 @@ impl Pins {
 
     /// Names and levels.
     fn items(&self, py: Python<'_>) -> PyResult<Vec<(&'static str, &'static str)>> {
-        self.shared.with(py, |open| {
-            self.all().map(|(name, pin)| (name, level_name(open.bench.level(self.id, pin)))).collect()
-        })
+        let state = self.shared.act(py, self.id, |drive| drive.state())?;
+        Ok(self.all().map(|(name, pin)| (name, level_name(state.level(pin)))).collect())
     }
 
     /// The level of a pin, or `default` if there is no such pin.

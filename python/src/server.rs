@@ -7,8 +7,8 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, PoisonError, Weak, mpsc};
 use std::thread::JoinHandle;
 
-use drivetwin_host::options::RunOptions;
-use drivetwin_host::{Configuration, Lender, Running};
+use drivetwin_host::options::{AttachOptions, RunOptions};
+use drivetwin_host::{Configuration, Lender, OnBoard, Running};
 use pyo3::prelude::*;
 
 use crate::errors::{Error, wrong};
@@ -19,6 +19,8 @@ pub(crate) struct Server {
     control: Option<String>,
     /// URIs of each drive and port.
     uris: Uris,
+    /// The board; `None` if the drives are emulated here.
+    board: Option<OnBoard>,
     run: Arc<Slot>,
 }
 
@@ -90,18 +92,36 @@ struct Begun {
     lender: Lender,
     control: Option<String>,
     uris: Uris,
+    board: Option<OnBoard>,
 }
 
 impl Server {
     /// Starts a run with these arguments of the command line.
     pub(crate) fn start(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
+        Self::serve(py, move || begin(arguments))
+    }
+
+    /// Attaches a board with these arguments of the command line.
+    pub(crate) fn attach(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
+        Self::serve(py, move || {
+            let options = AttachOptions { recorded: true, ..drivetwin_cli::attach_options(arguments)? };
+            drivetwin_host::attach(options)
+        })
+    }
+
+    /// Serves what `begin` begins, in a thread.
+    fn serve(
+        py: Python<'_>,
+        begin: impl FnOnce() -> Result<Running, String> + Send + 'static,
+    ) -> PyResult<Self> {
         let (stopped, stop) = UnixStream::pair()?;
         let (to_caller, begun) = mpsc::channel();
         // The run belongs to its thread from the beginning.
-        let run = move || match begin(arguments) {
-            Ok((running, uris)) => {
-                let (lender, control) = (running.lender(), running.control());
-                let _ = to_caller.send(Ok(Begun { lender, control, uris }));
+        let run = move || match begin() {
+            Ok(running) => {
+                let (lender, control, uris) = (running.lender(), running.control(), uris(&running));
+                let board = running.drives().find_map(|(name, _)| running.board(name));
+                let _ = to_caller.send(Ok(Begun { lender, control, uris, board }));
                 running.serve(&stopped)
             }
             Err(sentence) => {
@@ -111,19 +131,24 @@ impl Server {
         };
         let thread = std::thread::Builder::new().name("drivetwin".into()).spawn(run)?;
         let begun = py.detach(move || begun.recv()).map_err(|_| panicked())?;
-        let Begun { lender, control, uris } = begun.map_err(|sentence| wrong(&sentence))?;
+        let Begun { lender, control, uris, board } = begun.map_err(|sentence| wrong(&sentence))?;
         let run = Mutex::new(Some(Run { thread, lender, stop }));
         let run = Arc::new(Slot { run, process: std::process::id() });
         let mut runs = RUNS.lock().unwrap_or_else(PoisonError::into_inner);
         runs.retain(|run| run.strong_count() > 0);
         runs.push(Arc::downgrade(&run));
-        Ok(Self { control, uris, run })
+        Ok(Self { control, uris, board, run })
     }
 
     /// Lends the bench of the run; `None` if the run is ended.
     pub(crate) fn lender(&self) -> Option<Lender> {
         let run = self.run.run.lock().unwrap_or_else(PoisonError::into_inner);
         run.as_ref().map(|run| run.lender.clone())
+    }
+
+    /// The board; `None` if the drives are emulated here.
+    pub(crate) fn board(&self) -> Option<&OnBoard> {
+        self.board.as_ref()
     }
 
     /// URL of the control API; `None` if it is off.
@@ -146,17 +171,20 @@ impl Server {
 type Uris = HashMap<(String, &'static str), Vec<String>>;
 
 /// Opens the ports of a run.
-fn begin(arguments: Vec<OsString>) -> Result<(Running, Uris), String> {
+fn begin(arguments: Vec<OsString>) -> Result<Running, String> {
     let options = RunOptions { recorded: true, ..drivetwin_cli::run_options(arguments)? };
     let configuration = Configuration::read(options)?;
     if configuration.uses_stdio() {
         return Err("stdio: is not possible here: standard input is that of Python".to_owned());
     }
-    let running = configuration.prepare()?.open()?;
+    configuration.prepare()?.open()
+}
+
+/// URIs of the ports of a run.
+fn uris(running: &Running) -> Uris {
     let ports =
         running.drives().flat_map(|(name, spec)| spec.ports.iter().map(move |port| (name, port.name)));
-    let uris = ports.map(|(name, port)| ((name.to_owned(), port), running.uris(name, port))).collect();
-    Ok((running, uris))
+    ports.map(|(name, port)| ((name.to_owned(), port), running.uris(name, port))).collect()
 }
 
 fn panicked() -> PyErr {

@@ -4,14 +4,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 
 use drivetwin_firmware::device::{Duration, Instant};
-use drivetwin_host::{Loan, Memories, Offline, Possession, Streams, Wait, Waited};
+use drivetwin_host::{Loan, Memories, Offline, OnBoard, Possession, Streams, Wait, Waited};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench;
+use drivetwin_sim::bench::{self, DriveId};
+use drivetwin_sim::commands::{Drive, OnBench, Refusal};
 use drivetwin_sim::config::time_mode::TimeMode;
 use pyo3::prelude::*;
 use pyo3::sync::MutexExt as _;
 
-use crate::errors::{Error, wrong};
+use crate::errors::{Error, NotOnBoard, refused, wrong};
 use crate::server::Server;
 
 /// Greatest time in seconds: 31 years.
@@ -122,6 +123,43 @@ impl Shared {
         }
     }
 
+    /// The board of the run; `None` if the drives are emulated here.
+    pub(crate) fn board(&self) -> Option<&OnBoard> {
+        self.server().and_then(Server::board)
+    }
+
+    /// Refuses what a board cannot do.
+    pub(crate) fn refuse_on_board(&self, reason: &'static str) -> PyResult<()> {
+        if self.board().is_some() { Err(NotOnBoard::new_err(reason)) } else { Ok(()) }
+    }
+
+    /// Acts on a drive of the bench, or on the board.
+    pub(crate) fn act<T: Send>(
+        &self,
+        py: Python<'_>,
+        id: DriveId,
+        act: impl FnOnce(&mut dyn Drive) -> Result<T, Refusal> + Send,
+    ) -> PyResult<T> {
+        let done = match self.board() {
+            None => self.with(py, |open| act(&mut OnBench::new(open.bench, id)))?,
+            Some(board) => {
+                self.check_process()?;
+                if self.is_closed(py)? {
+                    return Err(closed());
+                }
+                py.detach(|| act(&mut board.drive()?))
+            }
+        };
+        done.map_err(refused)
+    }
+
+    /// Waits until the recording has what a board has done until now.
+    pub(crate) fn catch_up(&self, py: Python<'_>) -> PyResult<()> {
+        let Some(board) = self.board() else { return Ok(()) };
+        let at = py.detach(|| board.drive()?.now()).map_err(refused)?;
+        self.poll(py, |open| (open.bench.now() >= at).then_some(()))
+    }
+
     /// Like [`with`](Self::with), while other threads of Python run: for what takes long.
     pub(crate) fn with_detached<T: Send>(
         &self,
@@ -156,6 +194,24 @@ impl Shared {
             }
             py.check_signals()?;
         }
+    }
+
+    /// Lets a span pass: at once in virtual time, else by the wall clock. Looks for Ctrl-C in between.
+    pub(crate) fn wait(&self, py: Python<'_>, span: Duration) -> PyResult<()> {
+        if self.board().is_none() {
+            let (until, is_manual) = self.with(py, |open| (open.bench.now() + span, open.is_manual()))?;
+            if is_manual {
+                return self.run(py, until);
+            }
+            return self.poll(py, |open| (open.bench.now() >= until).then_some(()));
+        }
+        let now = || self.board().map_or(Ok(Instant::NEVER), |board| board.drive()?.now());
+        let until = py.detach(now).map_err(refused)? + span;
+        while py.detach(now).map_err(refused)? < until {
+            py.detach(nap);
+            py.check_signals()?;
+        }
+        Ok(())
     }
 
     /// Waits until no other thread asks a drive. The turn ends when the returned value is dropped.

@@ -2,8 +2,7 @@
 
 use std::borrow::Cow;
 
-use drivetwin_firmware::device::Axis;
-use drivetwin_sim::bench::{self, DriveId, ReceivedMessage, ShaftState};
+use drivetwin_sim::bench::{self, ReceivedMessage, ShaftState};
 use drivetwin_sim::value::Value;
 use pyo3::prelude::*;
 
@@ -25,8 +24,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    pub(crate) fn of(bench: &bench::Bench, drive: DriveId) -> Self {
-        let motion = bench.motion(drive, Axis(0));
+    pub(crate) fn of(motion: bench::Motion) -> Self {
         Self {
             position: motion.position,
             speed: motion.speed.to_num(),

@@ -1,4 +1,5 @@
-// One RP2040 between two resets: rp2040js with our ROM, flash, UART0, TIMER and the corrections of its core.
+// One RP2040 between two resets: rp2040js with our ROM, flash, UART0, TIMER, USB and the corrections of its
+// core.
 
 import { RP2040 } from 'rp2040js';
 
@@ -7,14 +8,18 @@ import { correctCore } from './core.mjs';
 import { BLOCK, FLASH_SIZE } from './flash.mjs';
 import { guard } from './guards.mjs';
 import { Pins } from './pins.mjs';
+import { connectFlash } from './qspi.mjs';
 import { CALL, ROM, bits, isValidBoot2 } from './rom.mjs';
 import { Timer } from './timer.mjs';
 import { Pl011 } from './uart.mjs';
+import { UsbController } from './usbctrl.mjs';
 
 const RAM = 0x20000000;
 const RAM_SIZE = 264 * 1024;
 const UART0_IRQ = 20;
 const SSI_ENABLE = 0x08;
+/** SYSINFO's CHIP_ID (2.20.2): revision B2, which is sold today. rp2040js is a B1. */
+const CHIP_ID = 0x20002927;
 /** The processor's bit in PSM.WDSEL: without it a watchdog resets nothing. */
 const PROC0 = 1 << 16;
 
@@ -29,6 +34,7 @@ export class Chip extends RP2040 {
    * @param {(line: string) => void} board.say told what happens
    * @param {(byte: number) => void} board.sent told each character at its start bit
    * @param {(cause: string) => void} board.reset asked to reset the chip
+   * @param {(light: number) => void} board.startBootLoader asked to start the ROM's boot loader, with a light's pin as a bit
    */
   constructor(board) {
     super(new ChipClock(board.clock));
@@ -79,6 +85,12 @@ export class Chip extends RP2040 {
       if (offset === SSI_ENABLE) this.xip = Boolean(value & 1);
       writeUint32.call(ssi, offset, value);
     };
+    const inProgram = (what) => this.hung || this.stop(`${what} at ${hex(this.core.PC)}`);
+    this.flashPins = connectFlash(this, board.flash, inProgram);
+    this.usbCtrl = this.peripherals[0x50110] = new UsbController(this, inProgram);
+    const sysinfo = this.peripherals[0x40000];
+    const { readUint32: readInfo } = sysinfo;
+    sysinfo.readUint32 = (offset) => (offset ? readInfo.call(sysinfo, offset) : CHIP_ID);
     this.watchdog = this.peripherals[0x40058];
     this.watchdog.onWatchdogTrigger = () => {
       if (this.peripherals[0x40010].wdsel & PROC0) board.reset('watchdog');
@@ -189,6 +201,7 @@ export class Chip extends RP2040 {
         this.xip = false;
         return;
       case CALL.enterXip:
+        this.flashPins.release();
         this.xip = true;
         return;
       case CALL.erase:
@@ -200,6 +213,9 @@ export class Chip extends RP2040 {
           if (from < 0 || from + r2 > RAM_SIZE) throw new RangeError(`flash program from ${hex(r1)}: not in RAM`);
           board.flash.program(r0, this.sram.subarray(from, from + r2));
         });
+        return;
+      case CALL.bootLoader:
+        board.startBootLoader(r0);
         return;
       case CALL.wait:
         this.waitsForFlash = core.waiting = board.flash.busy;

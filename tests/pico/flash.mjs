@@ -26,6 +26,8 @@ export class Flash {
     this.clock = clock;
     this.say = say;
     this.bytes = new Uint8Array(FLASH_SIZE).fill(0xff);
+    /** The number that every chip has of its own. */
+    this.uniqueId = Uint8Array.of(0xe6, 0x61, 0xa4, 0xd4, 0x17, 0x2f, 0x8b, 0x2c);
     /** Called when the last operation is over. */
     this.onIdle = () => {};
     /** Called when power is to fail, after {@link cutAfter}. */

@@ -1,24 +1,31 @@
 // A Raspberry Pi Pico in virtual time.
 
+import { readFileSync } from 'node:fs';
+
 import { Chip } from './chip.mjs';
 import { Clock } from './clock.mjs';
 import { ENTRY_CYCLES, awakes } from './core.mjs';
 import { loadElf } from './elf.mjs';
-import { Flash } from './flash.mjs';
+import { Flash, SECTOR } from './flash.mjs';
 import { Stats } from './stats.mjs';
+import { isUf2, loadUf2 } from './uf2.mjs';
+import { UsbHost } from './usb.mjs';
 
+/** Address of the flash. */
+const FLASH = 0x10000000;
 /** What RAM holds after power-on: nothing that an image could take for zeros. */
 const NOISE = 0xa5;
 
-/** A board: the chip, its flash, its pins, and the line of UART0. Time stands still between calls of {@link run}. */
+/** A board: the chip, its flash, its pins, the line of UART0, and a computer at its USB cable. Time stands still between calls of {@link run}. */
 export class Pico {
   /**
    * @param {object} [tell]
    * @param {(line: string) => void} [tell.say] told what the board does: `pin 3 high`, `flash erase 0x1ff000`, `reset
-   *   watchdog`, `error …`; `clock.nanos` says when
+   *   watchdog`, `boot loader 02000000`, `error …`; `clock.nanos` says when
    * @param {(byte: number) => void} [tell.sent] told each character at the instant at which its start bit begins
+   * @param {(port: string, bytes: Uint8Array) => void} [tell.received] told each packet of a port of the USB cable
    */
-  constructor({ say = () => {}, sent = () => {} } = {}) {
+  constructor({ say = () => {}, sent = () => {}, received = () => {} } = {}) {
     this.say = say;
     this.sent = sent;
     this.clock = new Clock();
@@ -28,15 +35,19 @@ export class Pico {
     this.flash = new Flash(this.clock, (line) => say(`flash ${line}`));
     this.flash.onCut = () => this.powerOff();
     this.flash.onIdle = () => this.flashIsIdle();
+    /** The computer at the other end of the USB cable; not connected at first. */
+    this.usb = new UsbHost(this, { say: (line) => say(`usb ${line}`), received });
     /** Pins that the world drives: number to level. */
     this.driven = new Map();
     /** @type {?Chip} */
     this.chip = null;
   }
 
-  /** Puts an ELF file into flash. */
+  /** Puts an ELF file or a UF2 into flash. */
   load(path) {
-    loadElf(path, this.flash.bytes);
+    const file = readFileSync(path);
+    if (isUf2(file)) loadUf2(file, this.flash.bytes, FLASH, SECTOR);
+    else loadElf(path, this.flash.bytes);
   }
 
   /** Turns power on: the image starts, and RAM has lost everything. Does nothing if power is on. */
@@ -65,6 +76,15 @@ export class Pico {
     this.chip.sram.set(before.sram);
     this.chip.watchdog.scratchData.set(before.watchdog.scratchData);
     this.chip.watchdog.reason = cause === 'watchdog' ? before.watchdog.reason : 0;
+    this.stats.restart();
+  }
+
+  /** Starts the boot loader of the ROM, which waits for ever: there is no USB. */
+  startBootLoader(light) {
+    this.say(`boot loader ${light.toString(16).padStart(8, '0')}`);
+    this.chip.turnOff();
+    this.chip = new Chip(this);
+    this.chip.hung = true;
     this.stats.restart();
   }
 

@@ -19,6 +19,13 @@
 //   1000.0 cut 3              power fails when the flash has erased or programmed 3 more bytes and begins the next
 //   1000.0 peek 20001234      prints a word of the memory
 //   1000.0 hang               the CPU loops for ever with interrupts off
+//   1000.0 usb plug           connects the USB cable to a computer, or `unplug`
+//   1000.0 usb reset          the computer resets the device and configures it again
+//   1000.0 usb suspend        it sleeps; `resume`: it wakes
+//   1000.0 usb bus 01 03 00   it sends bytes to the port `bus`, or to `control`
+//   1000.0 usb line 9600 8E1  it sets the line of the port `bus`
+//   1000.0 usb open bus       a program opens a port, or `close`s it
+//   1000.0 usb garbage        the computer makes requests that make no sense
 //   9000.0 end                the last line
 //
 // Prints `<ns> <what>`, ns since the first power-on:
@@ -28,10 +35,21 @@
 //   flash erase 0x1ff000      begins; `block` behind it if it is one of 64 KiB
 //   flash program 0x1ff000 256
 //   reset watchdog            or `request`, by software
+//   boot loader 02000000      of the ROM, with the bit of the pin that it lights; it waits until power is off
 //   unheard 55                a character came when UART0 was not listening
 //   peek 20001234 0000000a    what is in that word
 //   power off                 after `cut`, or by the script
-//   error …                   what the chip would not bear; the CPU stops, or takes its hard fault
+//   usb product drivetwin     what the computer learns about the device: `device`, `manufacturer`, `product`, `serial`,
+//                             and for each port `function`
+//   usb configured            it can use the ports now
+//   usb bus 01 03 02          a packet from the port `bus`, or from `control`; it has just ended
+//   usb line 9600 8E1         what the device says about its line after it was set
+//   usb gone                  the board has disconnected itself, for example by a reset
+//   usb not configured        the script wants what needs a configured device; nothing happens
+//   usb 80 06 …: refused      a senseless request, and how many bytes there were for it; or that it was refused
+//   usb failed …              the computer could not use the device, and tries again or gives up
+//   error …                   what the chip would not bear; the CPU stops, or takes its hard fault. `error usb …`: what no
+//                             USB device may do
 //   warning …                 what rp2040js does not know; said once
 //
 // and at the end, for the thread and for every exception that came, `stat …` in instructions and cycles. An exception's
@@ -59,7 +77,12 @@ export function play({ load, script, stack, marks = false }) {
   const { events, end } = readScript(script);
   const lines = [];
   const say = (line) => lines.push(`${Math.round(board.clock.nanos)} ${line}`);
-  const board = new Pico({ say, sent: (byte) => say(`tx ${byte.toString(16).padStart(2, '0')}`) });
+  const hex = (byte) => byte.toString(16).padStart(2, '0');
+  const board = new Pico({
+    say,
+    sent: (byte) => say(`tx ${hex(byte)}`),
+    received: (port, bytes) => say(`usb ${port} ${Array.from(bytes, hex).join(' ')}`),
+  });
   board.looksForMarks = marks;
   load(board);
   for (const { nanos, act } of events) board.clock.createAlarm(() => act(board, nanos)).schedule(nanos);

@@ -7,7 +7,7 @@
 import { assemble } from './thumb.mjs';
 
 /** Numbers of the `bkpt` with which the ROM asks the harness to do a thing. */
-export const CALL = { boot: 0, missing: 1, erase: 2, program: 3, wait: 4, exitXip: 5, enterXip: 6, bits: 8 };
+export const CALL = { boot: 0, missing: 1, erase: 2, program: 3, wait: 4, exitXip: 5, enterXip: 6, bootLoader: 7, bits: 8 };
 
 /** Where the second stage is copied to and run. */
 export const BOOT2_AT = 0x20041f00;
@@ -31,6 +31,7 @@ functions:
         .hword  0x5052, program+1       ; 'RP'
         .hword  0x4346, done+1          ; 'FC': there is no cache
         .hword  0x5843, enter_xip+1     ; 'CX'
+        .hword  0x4255, usb_boot+1      ; 'UB'
         .hword  0x3350, popcount+1      ; 'P3'
         .hword  0x3352, reverse+1       ; 'R3'
         .hword  0x334c, clz+1           ; 'L3'
@@ -93,6 +94,10 @@ program:
         ${call.program}
         ${call.wait}
 done:   bx      lr
+
+usb_boot:
+        ${call.bootLoader}
+        b       stop
 
 popcount:
         bkpt    #${CALL.bits}

@@ -1,11 +1,38 @@
 // The script of a batch run: what the world does, and when.
 
 import { ERROR } from './uart.mjs';
+import { coding } from './usb.mjs';
+
+/** What a computer at the USB cable may do, and with what words. */
+const USB = {
+  plug: () => (usb) => usb.plug(),
+  unplug: () => (usb) => usb.unplug(),
+  reset: () => (usb) => usb.reset(),
+  suspend: () => (usb) => usb.suspend(),
+  resume: () => (usb) => usb.resume(),
+  garbage: () => (usb) => usb.garbage(),
+  bus: (words) => send('bus', words),
+  control: (words) => send('control', words),
+  open: ([port]) => {
+    const name = check(port, PORT);
+    return (usb) => usb.open(name);
+  },
+  close: ([port]) => {
+    const name = check(port, PORT);
+    return (usb) => usb.close(name);
+  },
+  line: ([rate, format]) => {
+    const baud = parse(rate, /^\d+$/, 10);
+    coding(baud, format);
+    return (usb) => usb.line(baud, format);
+  },
+};
+const PORT = /^(bus|control)$/;
 
 /** What a line may say after its time, and how its words become an action. */
 const ACTIONS = {
   rx: (words) => {
-    const bytes = words.map((word) => parse(word, /^[0-9a-f]{2}$/i, 16));
+    const bytes = bytesOf(words);
     return (board, at) => characters(board, at, bytes);
   },
   spoiled: ([kind = 'framing', byte = 'ff']) => {
@@ -32,6 +59,11 @@ const ACTIONS = {
     return (board) => board.peek(place);
   },
   hang: () => (board) => board.hang(),
+  usb: ([what, ...words]) => {
+    if (!Object.hasOwn(USB, what ?? '')) throw new Error(`unknown event \`usb ${what}\``);
+    const act = USB[what](words);
+    return (board) => act(board.usb);
+  },
   end: () => () => {},
 };
 
@@ -72,7 +104,21 @@ function characters(board, at, bytes) {
   alarm.schedule(Math.max(next - board.clock.nanos, 0));
 }
 
-function parse(word, form, base) {
+function send(port, words) {
+  const bytes = bytesOf(words);
+  return (usb) => usb.send(port, bytes);
+}
+
+function bytesOf(words) {
+  return words.map((word) => parse(word, /^[0-9a-f]{2}$/i, 16));
+}
+
+function check(word, form) {
   if (!form.test(word ?? '')) throw new Error(`\`${word ?? ''}\` is not what belongs here`);
+  return word;
+}
+
+function parse(word, form, base) {
+  check(word, form);
   return base ? parseInt(word, base) : Number(word);
 }

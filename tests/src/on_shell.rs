@@ -21,7 +21,7 @@ pub fn expected(trace: &Trace) -> Vec<(Instant, Seen)> {
     let mut pins = vec![Vec::new(); trace.drives.first().map_or(0, |drive| drive.spec.pins.len())];
     for entry in trace.events() {
         match &entry.event {
-            Event::Input(_) | Event::Shaft { .. } | Event::Received(_) => {}
+            Event::Input(_) | Event::Shaft { .. } | Event::Received(_) | Event::Missing { .. } => {}
             Event::Output(did @ (OutputRecord::Level { pin, .. } | OutputRecord::Wave { pin, .. })) => {
                 pins[usize::from(pin.0)].push((entry.at, did.clone()));
             }

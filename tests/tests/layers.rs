@@ -28,15 +28,17 @@ const HAL_SIM: [&str; 19] = [
 ];
 
 /// Modules of `host/src`, lowest first.
-const HOST: [&str; 14] = [
+const HOST: [&str; 15] = [
     "options",
     "clock",
+    "boot_loader",
     "describe",
     "rs_programs",
     "nv_file",
     "output_file",
     "live_file",
     "ports",
+    "board",
     "streams",
     "event_loop",
     "lender",

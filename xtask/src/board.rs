@@ -1,6 +1,6 @@
 //! The boards: their images, and the memory layout of the images.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use drivetwin_firmware::device::{Device, Framing, Spec};
@@ -10,6 +10,7 @@ use xshell::{Shell, cmd};
 use crate::checks::{BARE, host, target_dir};
 use crate::image::Image;
 use crate::tools::{Tool, Tools};
+use crate::uf2;
 
 /// Cargo's profile for the images that are flashed.
 pub(crate) const PROFILE: &str = "firmware";
@@ -29,7 +30,7 @@ pub(crate) struct Board {
 }
 
 /// Every board.
-pub(crate) const BOARDS: [Board; 3] = [
+pub(crate) const BOARDS: [Board; 4] = [
     Board {
         name: "lm3s6965",
         package: "drivetwin-lm3s6965",
@@ -52,6 +53,14 @@ pub(crate) const BOARDS: [Board; 3] = [
         package: "drivetwin-stm32f4",
         target: "thumbv7em-none-eabihf",
         // The vector table is in RAM, as on the rp2040.
+        vectors: None,
+        ram: 0x2000_0000,
+        has_ethernet: false,
+    },
+    Board {
+        name: "rp2350",
+        package: "drivetwin-rp2350",
+        target: "thumbv8m.main-none-eabi",
         vectors: None,
         ram: 0x2000_0000,
         has_ethernet: false,
@@ -101,6 +110,16 @@ pub(crate) fn logging(sh: &Shell) -> Result<()> {
         // links the name to cargo's copy.
         board.build(sh, "md3")?;
     }
+    Ok(())
+}
+
+/// Builds the image whose USB ports send back what they receive, as `usb-echo` in the folder of the images.
+fn usb_echo(sh: &Shell, images: &Path) -> Result<()> {
+    let (bare, package) = (bare(RP2040.target), RP2040.package);
+    cmd!(sh, "cargo build --quiet {bare...} --features {package}/usb-echo --bin md3").run()?;
+    sh.copy_file(images.join("md3"), images.join("usb-echo"))?;
+    // As in `logging`.
+    RP2040.build(sh, "md3")?;
     Ok(())
 }
 
@@ -241,7 +260,9 @@ pub(crate) fn golden(sh: &Shell) -> Result<()> {
 /// Runs the tests that need the exact time of the emulated Pico.
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
+    let uf2 = uf2::write(sh)?;
+    usb_echo(sh, &images)?;
     let host = host();
     let test = cmd!(sh, "cargo test {host...} --test pico -- --ignored --nocapture");
-    Ok(test.env("DRIVETWIN_IMAGES", images).run()?)
+    Ok(test.env("DRIVETWIN_IMAGES", images).env("DRIVETWIN_UF2", uf2).run()?)
 }

@@ -14,8 +14,14 @@ use crate::tools::{self, Tool, Tools};
 use crate::{board, crates, docs, panic_free, pico, python, size, swarm};
 
 /// Crates that only a board, or a linker, can build.
-pub(crate) const BARE: [&str; 5] =
-    ["counted", "panic-free", "drivetwin-lm3s6965", "drivetwin-rp2040", "drivetwin-stm32f4"];
+pub(crate) const BARE: [&str; 6] = [
+    "counted",
+    "panic-free",
+    "drivetwin-lm3s6965",
+    "drivetwin-rp2040",
+    "drivetwin-rp2350",
+    "drivetwin-stm32f4",
+];
 
 /// Arguments of cargo that select every crate that the host can build, with PNG (HOST-25). They are always the same:
 /// with other packages or features cargo may select other features of their dependencies, and build these again.

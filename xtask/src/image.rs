@@ -1,7 +1,8 @@
 //! Reads linked programs (ELF files).
 
 use anyhow::{Context, Result, ensure};
-use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, elf};
+use object::read::elf::{ElfFile32, ProgramHeader as _};
+use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, elf};
 use xshell::Shell;
 
 use crate::checks::target_dir;
@@ -84,6 +85,24 @@ impl Image {
         let file = self.file()?;
         let symbol = file.symbols().find(|symbol| symbol.name() == Ok(name));
         Ok(symbol.with_context(|| format!("there is no symbol `{name}`"))?.address())
+    }
+
+    /// The bytes that are flashed, from the address `base` on. Bytes between them are `0xFF`.
+    pub(crate) fn flashed(&self, base: u32) -> Result<Vec<u8>> {
+        let file = ElfFile32::<Endianness>::parse(self.0.as_slice())?;
+        let mut flash = Vec::new();
+        for header in file.elf_program_headers() {
+            let endian = file.endian();
+            let bytes =
+                header.data(endian, self.0.as_slice()).ok().context("a segment is not in the file")?;
+            if header.p_type(endian) != elf::PT_LOAD || bytes.is_empty() {
+                continue;
+            }
+            let at = header.p_paddr(endian).checked_sub(base).context("a segment is not in flash")? as usize;
+            flash.resize(flash.len().max(at + bytes.len()), 0xFF);
+            flash[at..at + bytes.len()].copy_from_slice(bytes);
+        }
+        Ok(flash)
     }
 
     /// Number of places in the code that call a function that panics.

@@ -9,6 +9,7 @@
 //! cargo xtask size    measure what each drive costs on each board, and print it
 //! cargo xtask soak    run the property tests with many new cases
 //! cargo xtask swarm   run random benches under an oracle
+//! cargo xtask uf2     write a UF2 with an image of each kind for the Raspberry Pi Pico
 //! cargo xtask words   count doc comments whose first word does not say the thing itself
 //! ```
 
@@ -28,6 +29,7 @@ mod report;
 mod size;
 mod swarm;
 mod tools;
+mod uf2;
 mod words;
 
 use std::path::Path;
@@ -43,12 +45,14 @@ usage: cargo xtask <command>
           need, but removes nothing for it, or says what to install
   check   run one check by its name in the summary: `check clippy`
   docs    write the generated references in docs/
-  pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`
+  pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`; with the
+          ports of its USB cable on two more: `pico md3 --usb`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
   size    print what each drive costs on each board; fail if one costs too much
   soak    run the property tests with so many new cases each: `soak 20000`
   swarm   run random benches under an oracle: `swarm --minutes 10`, `swarm --seed 7`, `swarm --help`;
           `swarm --planted`: how soon it finds each of the defects in tests/swarm/planted
+  uf2     write target/drivetwin-pico.uf2, which has every kind of drive for a Raspberry Pi Pico
   words   print how many doc comments begin with a question or a pronoun, by crate; `words --list`: which
 ";
 
@@ -59,7 +63,7 @@ fn main() -> ExitCode {
         ["test", groups @ ..] => checks::run(groups),
         ["check", name] => shell().and_then(|sh| checks::run_one(&sh, name)).map(|()| true),
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
-        ["pico", kind] => shell().and_then(|sh| pico::run(&sh, kind)).map(|()| true),
+        ["pico", kind, options @ ..] => shell().and_then(|sh| pico::run(&sh, kind, options)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),
@@ -67,6 +71,7 @@ fn main() -> ExitCode {
             shell().and_then(|sh| swarm::planted(&sh, names)).map(|()| true)
         }
         ["swarm", options @ ..] => shell().and_then(|sh| swarm::run(&sh, options)).map(|()| true),
+        ["uf2"] => shell().and_then(|sh| uf2::print(&sh)).map(|()| true),
         ["words"] => shell().and_then(|sh| words::print(&sh, false)).map(|()| true),
         ["words", "--list"] => shell().and_then(|sh| words::print(&sh, true)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {

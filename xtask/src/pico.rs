@@ -9,15 +9,16 @@ use crate::board::{RP2040, hint};
 use crate::tools::Tool;
 
 /// Builds the image of a kind of drive and runs it in real time, with its UART0 on a TCP port, until the
-/// process is stopped.
+/// process is stopped. With the option `--usb`, a computer is at its USB cable, whose ports are on TCP, too.
 ///
 /// # Errors
 ///
-/// There is no image of that kind, it does not build, or a tool to build or emulate it is missing.
-pub(crate) fn run(sh: &Shell, kind: &str) -> Result<()> {
+/// There is no image of that kind, it does not build, or a tool to build or emulate it is missing; another option.
+pub(crate) fn run(sh: &Shell, kind: &str, options: &[&str]) -> Result<()> {
+    ensure!(matches!(options, [] | ["--usb"]), "the only option of `pico` is `--usb`");
     let image = RP2040.image_for(sh, kind, &[Tool::ThumbTargets, Tool::Node])?;
     println!("Ctrl-C ends the board; {}", hint(kind, "<the address below>"));
-    serve(cmd!(sh, "node tests/pico/serve.mjs {image}").into())
+    serve(cmd!(sh, "node tests/pico/serve.mjs {image} {options...}").into())
 }
 
 /// Runs the board until it ends. The board ends when its stdin is closed, and therefore also when this

@@ -27,6 +27,9 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
         .run()?;
     let wheel = sh.read_dir(&wheels)?.into_iter().next().context("maturin has built no wheel")?;
 
+    // A board for the tests, in memory.
+    cmd!(sh, "cargo build --quiet --package drivetwin-tests --bin virtual-board").run()?;
+    let board = target_dir(sh).join("debug/virtual-board");
     let environment = |name: &str| -> Result<[PathBuf; 2]> {
         let folder = target_dir(sh).join(name);
         cmd!(sh, "python3 -m venv --clear {folder}").run()?;
@@ -34,7 +37,7 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     };
     let test = |pytest: &Path, tests: &str| {
         let pytest = cmd!(sh, "{pytest} -q -p no:cacheprovider {tests}");
-        pytest.env("PYTHONDONTWRITEBYTECODE", "1").run()
+        pytest.env("PYTHONDONTWRITEBYTECODE", "1").env("VIRTUAL_BOARD", &board).run()
     };
     let [pip, pytest] = environment("python-package")?;
     cmd!(sh, "{pip} install -q --disable-pip-version-check {wheel} -r {REQUIREMENTS}").run()?;

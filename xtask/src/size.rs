@@ -83,7 +83,7 @@ fn sizes(sh: &Shell, kind: &str, table: &mut Table) -> Result<()> {
 struct Table(Vec<(String, [Option<u64>; PLACES])>);
 
 /// Headings of the table's columns.
-const HEADS: [&str; PLACES] = ["M3, lm3s6965", "M0+, rp2040", "M4F, stm32f4"];
+const HEADS: [&str; PLACES] = ["M3, lm3s6965", "M0+, rp2040", "M4F, stm32f4", "M33, rp2350"];
 
 impl Table {
     fn put(&mut self, place: usize, what: String, value: u64) {
@@ -102,8 +102,8 @@ impl Table {
     }
 
     fn print(&self) {
-        let [m3, m0, m4] = HEADS;
-        println!("{:<66} {m3:>19} {m0:>19} {m4:>19}", "instructions, or what is said");
+        let heads: String = HEADS.iter().map(|head| format!(" {head:>19}")).collect();
+        println!("{:<66}{heads}", "instructions, or what is said");
         println!("{:<66}{}", "", format!(" {:>9} {:>9}", "measured", "at most").repeat(PLACES));
         for (what, values) in &self.0 {
             print!("{what:<66}");

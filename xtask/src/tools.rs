@@ -14,8 +14,8 @@ use crate::checks::target_dir;
 use crate::counted;
 
 /// The Cortex-M targets of the boards.
-pub(crate) const THUMB_TARGETS: [&str; 3] =
-    ["thumbv6m-none-eabi", "thumbv7m-none-eabi", "thumbv7em-none-eabihf"];
+pub(crate) const THUMB_TARGETS: [&str; 4] =
+    ["thumbv6m-none-eabi", "thumbv7m-none-eabi", "thumbv7em-none-eabihf", "thumbv8m.main-none-eabi"];
 
 /// Other systems that the bench builds for: a browser, Windows, macOS.
 pub(crate) const OTHER_SYSTEMS: [&str; 3] =
@@ -127,7 +127,7 @@ impl Tool {
             Self::Rustfmt => "rustup component add rustfmt",
             Self::Clippy => "rustup component add clippy",
             Self::ThumbTargets => {
-                "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi thumbv7em-none-eabihf"
+                "rustup target add thumbv6m-none-eabi thumbv7m-none-eabi thumbv7em-none-eabihf thumbv8m.main-none-eabi"
             }
             Self::OtherSystems => {
                 "rustup target add wasm32-unknown-unknown x86_64-pc-windows-msvc aarch64-apple-darwin"

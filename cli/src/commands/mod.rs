@@ -4,6 +4,7 @@ pub(crate) mod asm;
 pub(crate) mod check;
 pub(crate) mod describe;
 pub(crate) mod disasm;
+pub(crate) mod flash;
 pub(crate) mod list;
 pub(crate) mod plot;
 pub(crate) mod reference;

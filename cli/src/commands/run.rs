@@ -1,4 +1,4 @@
-//! `drivetwin run`: runs a drive or a bench of several drives until a signal ends it.
+//! `drivetwin run` and `drivetwin attach`: run a drive, a bench of several drives, or a board until a signal ends it.
 
 use std::fs;
 use std::io::{self, Write as _};
@@ -10,7 +10,7 @@ use rustix::io::retry_on_intr;
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGQUIT, SIGTERM};
 
-use crate::args::Run;
+use crate::args::{Attach, Run};
 use crate::log;
 
 /// Runs a drive or a bench of several drives until a signal ends it.
@@ -36,6 +36,19 @@ pub(crate) fn run(arguments: Run) -> Result<(), String> {
     } else {
         print(banner, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
     }
+    running.serve(&stop)
+}
+
+/// Attaches a board until a signal ends it.
+///
+/// # Errors
+/// One sentence that names the place, the option or the file, and the error.
+pub(crate) fn attach(arguments: Attach) -> Result<(), String> {
+    let json = arguments.json;
+    let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
+    let running = drivetwin_host::attach(arguments.into())?;
+    let banner = if json { running.json()? } else { running.text() };
+    print(banner, &stop).map_err(|error| format!("stdout cannot be written: {error}"))?;
     running.serve(&stop)
 }
 

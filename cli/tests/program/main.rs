@@ -4,6 +4,7 @@ mod benches;
 mod ceilings;
 mod control;
 mod ends;
+mod flash;
 mod full_disks;
 mod machinery;
 mod programs;

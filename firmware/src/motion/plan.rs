@@ -128,6 +128,14 @@ impl Plan {
         Self { start, segments, count: (list.len() & 3) as u8 }
     }
 
+    /// The plan with these segments, as [`start`](Self::start) and [`segments`](Self::segments) of another one return
+    /// them; `None` if a plan cannot have them. For reports of plans that a board follows.
+    #[must_use]
+    pub fn of_segments(start: Instant, list: &[Segment]) -> Option<Self> {
+        let is_possible = (1..=3).contains(&list.len()) && list.iter().all(Segment::is_possible);
+        is_possible.then(|| Self::of(start, list))
+    }
+
     /// A move from standstill at `from` by exactly `steps` steps: ramp up, cruise, ramp down. If the distance
     /// is too short for the speed, there is no cruise. The move ends at the tick nearest to the exact end, at
     /// which its last step is made. Without speed or acceleration the axis does not move.

@@ -31,6 +31,7 @@
 mod arbitration;
 mod clients;
 mod early_requests;
+mod elsewhere;
 mod events;
 mod line_faults;
 mod lines;
@@ -46,7 +47,7 @@ mod tcp_faults;
 mod tests;
 mod transmit;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 
 use drivetwin_firmware::device::{Device, Duration, Instant, Port, PresetError, Spec};
@@ -60,6 +61,7 @@ use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
 use crate::scheduler::{Event, Phase, Queue, Tournament};
 use crate::slot::{CallContext, Outputs, Slot};
 pub use crate::slot::{MOST_CONNECTIONS, Motion, PersistFn, PinStimulus, Statistics};
+use elsewhere::Reported;
 use events::EventKind;
 use motors::MotorSlot;
 pub use motors::{Motor, MotorModel, ShaftState};
@@ -239,6 +241,8 @@ pub struct Bench {
     capture: Capture,
     /// Scenarios that are played, or that have ended.
     scenarios: Vec<Playing>,
+    /// Drives that are elsewhere.
+    reported: BTreeMap<DriveId, Reported>,
 }
 
 impl Default for Bench {
@@ -285,6 +289,7 @@ impl Bench {
             trace: Trace::new(settings.seed, settings.trace),
             capture: Capture::new(settings.capture),
             scenarios: Vec::new(),
+            reported: BTreeMap::new(),
         }
     }
 

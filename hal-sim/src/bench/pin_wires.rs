@@ -61,12 +61,15 @@ impl Bench {
         let spec = self.spec(drive).axes.get(usize::from(axis.0));
         assert!(spec.is_some_and(|axis| axis.step_dir.is_some()), "{} has no STEP output", self.name(drive));
         let index = drive.0 as usize;
-        let power_ons = self.trace.events().filter(|entry| {
-            entry.drive == index && matches!(entry.event, Event::Input(InputRecord::Power(Power::On)))
-        });
-        let since = power_ons.last().map(|entry| entry.at);
-        (since.is_some() || self.trace.is_whole())
-            .then(|| pulses::pulses(&self.trace, index, axis, since.unwrap_or(Instant::ZERO), self.now))
+        let mut since = self.trace.is_whole().then_some(Instant::ZERO);
+        for entry in self.trace.events().filter(|entry| entry.drive == index) {
+            match entry.event {
+                Event::Input(InputRecord::Power(Power::On)) => since = Some(entry.at),
+                Event::Missing { .. } => since = None,
+                _ => {}
+            }
+        }
+        Some(pulses::pulses(&self.trace, index, axis, since?, self.now))
     }
 
     /// Connects an output pin to an input pin, permanently. A change of the output arrives one tick later,

@@ -66,6 +66,11 @@ impl Capture {
         Self { frames: VecDeque::new(), retention, bytes: 0, lost: 0 }
     }
 
+    /// Lets the numbers of the frames begin at `seen`, in a capture without frames.
+    pub(crate) fn begin_at(&mut self, seen: u64) {
+        self.lost = seen;
+    }
+
     /// Number of frames so far, including those that a ring has dropped.
     #[must_use]
     pub fn seen(&self) -> u64 {

@@ -385,7 +385,7 @@ impl Waveforms {
                 _ => {}
             },
             &Event::Shaft { axis, shaft } => self.record(drive, axis, shaft.into()),
-            Event::Received(_) => {}
+            Event::Received(_) | Event::Missing { .. } => {}
         }
         Ok(())
     }

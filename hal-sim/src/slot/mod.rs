@@ -453,6 +453,13 @@ impl Slot {
         encoders.filter(move |(_, spec)| spec.a == pin || spec.b == pin).map(|(state, _)| state)
     }
 
+    /// Changes the settings of a serial port after all queued characters have left.
+    pub(crate) fn change_line(&mut self, at: Instant, port: Port, line: Line) {
+        if let Some(serial) = self.state.serial(port) {
+            serial.change(at, line);
+        }
+    }
+
     /// A serial port.
     pub(crate) fn serial(&self, port: Port) -> Option<&Serial> {
         self.state.ports.get(usize::from(port.0))?.serial.as_ref()

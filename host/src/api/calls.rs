@@ -15,9 +15,10 @@ use super::faults::Faults;
 use super::guard::Body;
 use super::problem::Problem;
 use super::schema::{
-    Advance, Bench, Bus, Drive, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Time, Turn,
+    Advance, Bench, BoardView, Bus, Drive, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Time, Turn,
 };
 use super::{Api, stopping};
+use crate::board::{Board, reasons};
 use crate::event_loop::EventLoop;
 
 /// Longest advance of the clock per call, in seconds.
@@ -27,7 +28,11 @@ const MAX_ADVANCE: f64 = 86_400.0;
 #[utoipa::path(get, path = "/api/bench", responses((status = 200, body = Bench)))]
 pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem> {
     let places = api.places.clone();
-    Ok(Json(api.call(move |event_loop| Bench::of(event_loop, &places)).await?))
+    let mut bench = api.call(move |event_loop| Bench::of(event_loop, &places)).await?;
+    for name in api.boards.keys() {
+        bench.add(api.on_board(name.clone(), |board| Ok(BoardView::of(board))).await?);
+    }
+    Ok(Json(bench))
 }
 
 /// A drive: registers, pins, lights, motion, ports.
@@ -35,9 +40,14 @@ pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem
     (status = 200, body = Drive),
 ))]
 pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
+    if api.boards.contains_key(&name) {
+        let seen = |board: &Board| Ok(Json(Drive::of_board(&mut board.drive()?)?));
+        return api.on_board(name, seen).await;
+    }
     let places = api.places.clone();
     api.call(move |event_loop| {
-        Ok(Json(Drive::of(&event_loop.bench, find_drive(event_loop, &name)?, &places)))
+        let id = find_drive(event_loop, &name)?;
+        Ok(Json(Drive::of_bench(&mut event_loop.bench, id, &places)?))
     })
     .await?
 }
@@ -52,13 +62,8 @@ pub(super) async fn drive_pin(
     Path((name, pin)): Path<(String, String)>,
     Body(level): Body<PinLevel>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |event_loop| {
-        let id = find_drive(event_loop, &name)?;
-        commands::drive_pin(&mut event_loop.bench, id, &pin, level.into())?;
-        event_loop.begin_idle_run();
-        Ok(StatusCode::NO_CONTENT)
-    })
-    .await?
+    api.act(name, true, move |drive| Ok(commands::drive_pin(drive, &pin, level.into())?)).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Sends a train of pulses into an input pin.
@@ -71,13 +76,12 @@ pub(super) async fn pulse_pin(
     Path((name, pin)): Path<(String, String)>,
     Body(pulses): Body<Pulses>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |event_loop| {
-        let id = find_drive(event_loop, &name)?;
-        let duty = pulses.duty.unwrap_or(0.5);
-        commands::pulse_pin(&mut event_loop.bench, id, &pin, pulses.count, pulses.hz, duty)?;
-        Ok(StatusCode::NO_CONTENT)
-    })
-    .await?
+    let duty = pulses.duty.unwrap_or(0.5);
+    let begin = move |drive: &mut dyn commands::Drive| {
+        Ok(commands::pulse_pin(drive, &pin, pulses.count, pulses.hz, duty)?)
+    };
+    api.act(name, false, begin).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Turns the drive's encoder: quadrature edges on its inputs A and B.
@@ -91,12 +95,8 @@ pub(super) async fn encoder(
     Path(name): Path<String>,
     Body(turn): Body<Turn>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |event_loop| {
-        let id = find_drive(event_loop, &name)?;
-        commands::encoder(&mut event_loop.bench, id, turn.counts, turn.hz)?;
-        Ok(StatusCode::NO_CONTENT)
-    })
-    .await?
+    api.act(name, false, move |drive| Ok(commands::encoder(drive, turn.counts, turn.hz)?)).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Presets a register directly, not through its bus.
@@ -109,14 +109,9 @@ pub(super) async fn preset(
     Path((name, register)): Path<(String, String)>,
     Body(value): Body<NewValue>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |event_loop| {
-        let id = find_drive(event_loop, &name)?;
-        let value = commands::NewValue::Number(value.value.into());
-        commands::preset(&mut event_loop.bench, id, &register, &value)?;
-        event_loop.begin_idle_run();
-        Ok(StatusCode::NO_CONTENT)
-    })
-    .await?
+    let value = commands::NewValue::Number(value.value.into());
+    api.act(name, true, move |drive| Ok(commands::preset(drive, &register, &value)?)).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Sets the cause of a fault.
@@ -142,13 +137,8 @@ pub(super) async fn heal(
 }
 
 async fn set_fault(api: &Api, name: String, fault: String, on: bool) -> Result<StatusCode, Problem> {
-    api.call(move |event_loop| {
-        let id = find_drive(event_loop, &name)?;
-        commands::fault(&mut event_loop.bench, id, &fault, on)?;
-        event_loop.begin_idle_run();
-        Ok(StatusCode::NO_CONTENT)
-    })
-    .await?
+    api.act(name, true, move |drive| Ok(commands::fault(drive, &fault, on)?)).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// Switches a drive's power.
@@ -160,13 +150,8 @@ pub(super) async fn power(
     Path(name): Path<String>,
     Body(power): Body<Power>,
 ) -> Result<StatusCode, Problem> {
-    api.call(move |event_loop| {
-        let id = find_drive(event_loop, &name)?;
-        event_loop.bench.power(id, power.action.into());
-        event_loop.begin_idle_run();
-        Ok(StatusCode::NO_CONTENT)
-    })
-    .await?
+    api.act(name, true, move |drive| Ok(drive.power(power.action.into())?)).await?;
+    Ok(StatusCode::NO_CONTENT)
 }
 
 /// The serial lines and TCP ports, and their faults.
@@ -177,7 +162,10 @@ pub(super) async fn buses(State(api): State<Api>) -> Result<Json<Vec<Bus>>, Prob
 }
 
 /// Sets the faults of a line or TCP port, from its next frame on. A fault that the request does not name is off.
-#[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses((status = 204)))]
+#[utoipa::path(put, path = "/api/buses/{name}/faults", request_body = Faults, responses(
+    (status = 204),
+    (status = 409, description = "The line is that of a board.", body = Problem, content_type = "application/problem+json"),
+))]
 pub(super) async fn disturb(
     State(api): State<Api>,
     Path(name): Path<String>,
@@ -187,6 +175,9 @@ pub(super) async fn disturb(
         let bench = &mut event_loop.bench;
         let outlet = commands::outlet(bench, &name)?;
         let drives = bench.drives_at(outlet);
+        if drives.iter().any(|&id| bench.is_elsewhere(id)) {
+            return Err(Problem::conflict(reasons::NO_LINE_FAULTS));
+        }
         let party = |&id: &DriveId| Party { id, name: bench.name(id), spec: bench.spec(id) };
         let faults = faults.on(&drives.iter().map(party).collect::<Vec<_>>()).map_err(Problem::refused)?;
         if let Some(port) = bench.port_at(outlet) {
@@ -202,13 +193,14 @@ pub(super) async fn disturb(
 /// Plays a scenario from now on, beside those that are played already.
 #[utoipa::path(post, path = "/api/scenario", request_body = Scenario, responses(
     (status = 204),
-    (status = 409, description = "The bench plays 1,000 scenarios already.", body = Problem,
+    (status = 409, description = "The bench plays 1,000 scenarios already, or has a board.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn play(
     State(api): State<Api>,
     Body(scenario): Body<Scenario>,
 ) -> Result<StatusCode, Problem> {
+    api.refuse_with_boards(reasons::NO_SCENARIO)?;
     api.call(move |event_loop| {
         let bench = &mut event_loop.bench;
         let scenarios = scenario.on(bench).map_err(Problem::refused)?;
@@ -222,10 +214,14 @@ pub(super) async fn play(
 /// Sets the time mode.
 #[utoipa::path(put, path = "/api/time", request_body = Mode, responses(
     (status = 200, body = Time),
+    (status = 409, description = "A board has its own clock.", body = Problem, content_type = "application/problem+json"),
 ))]
 pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Result<Json<Time>, Problem> {
     let time_mode: TimeMode =
         mode.mode.parse().map_err(|sentence| Problem::refused(format!("mode: {sentence}")))?;
+    if time_mode != TimeMode::Times(1) {
+        api.refuse_with_boards(reasons::NO_TIME)?;
+    }
     api.call(move |event_loop| event_loop.set_time_mode(time_mode)).await?;
     Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
 }
@@ -233,7 +229,7 @@ pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Resu
 /// Advances the clock in manual time. The response comes when the bench has reached that time.
 #[utoipa::path(post, path = "/api/time/advance", request_body = Advance, responses(
     (status = 200, body = Time),
-    (status = 409, description = "Another call advances the clock, or the time mode is not manual.", body = Problem,
+    (status = 409, description = "Another call advances the clock, the time mode is not manual, or a board has its own clock.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn advance(
@@ -243,6 +239,7 @@ pub(super) async fn advance(
     if !(0.0..=MAX_ADVANCE).contains(&advance.seconds) {
         return Err(Problem::refused("seconds takes 0 to 86400"));
     }
+    api.refuse_with_boards(reasons::NO_TIME)?;
     // The span is not negative, and far below the maximum of a tick counter.
     let span = Duration::from_ticks((advance.seconds * TICKS_PER_SECOND as f64).round() as u64);
     let Ok(_turn) = api.advancing.try_acquire() else {

@@ -69,14 +69,15 @@ pub(super) struct ReceivedEvent {
 /// The data of an event `lost`.
 #[derive(Serialize, ToSchema)]
 pub(super) struct Lost {
-    /// Number of events that a slow reader has missed.
-    events: u64,
+    /// Number of events that a slow reader has missed, or that a board could not send; null if it is unknown.
+    events: Option<u64>,
 }
 
 /// Live events, as server-sent events: `fed` (input of a drive) or `did` (output of a drive) with a `Happened` as `data`,
 /// and `received` with a `ReceivedEvent`. The `id` has two numbers with a point between them: of the last event of the
 /// trace, and of the last received message. A reader that is too slow gets the event `lost` with a `Lost`, and then the
-/// following events.
+/// following events; so does every reader if a board could not send events. When a board becomes a drive of another kind,
+/// the events end; connect again with the last id.
 #[utoipa::path(get, path = "/api/events",
     params(
         ("drive" = Option<String>, Query, description = "only what happens to this drive"),
@@ -176,6 +177,9 @@ impl Reader {
                 (Piece::of(bench.trace(), mark, drive), Messages::of(bench, received, drive))
             });
             let (piece, messages) = pieces.await.ok()?;
+            if piece.generation != self.outline.generation() {
+                return None;
+            }
             self.take(piece);
             self.take_messages(messages);
             if (self.mark, self.received) == (mark, received) {
@@ -188,13 +192,14 @@ impl Reader {
     fn take(&mut self, piece: Piece) {
         if piece.lost > 0 {
             let id = self.mark + piece.lost;
-            self.ready.extend(event("lost", (id, self.received), &Lost { events: piece.lost }));
+            self.ready.extend(event("lost", (id, self.received), &Lost { events: Some(piece.lost) }));
         }
         let received = self.received;
         self.ready.extend(piece.entries.iter().filter_map(|(id, entry)| {
             let kind = match entry.event {
                 trace::Event::Input(_) => "fed",
                 trace::Event::Output(_) => "did",
+                trace::Event::Missing { events } => return event("lost", (*id, received), &Lost { events }),
                 trace::Event::Shaft { .. } | trace::Event::Received(_) => return None,
             };
             let drive = self.outline.drives.get(entry.drive)?.name.clone();
@@ -229,6 +234,8 @@ struct Piece {
     lost: u64,
     /// Position in the trace after the last event.
     end: u64,
+    /// The drives of the trace are others in each generation.
+    generation: u32,
 }
 
 impl Piece {
@@ -240,7 +247,7 @@ impl Piece {
         let numbered = (from + 1..).zip(looked_at);
         let wanted = numbered.filter(|(_, entry)| drive.is_none_or(|drive| drive == entry.drive));
         let entries = wanted.map(|(id, entry)| (id, entry.clone())).collect();
-        Self { entries, lost: from - mark, end }
+        Self { entries, lost: from - mark, end, generation: trace.generation() }
     }
 }
 

@@ -24,6 +24,9 @@ use super::problem::Problem;
 /// Longest body of a request, in bytes.
 pub(super) const BODY_BYTES: usize = 64 << 10;
 
+/// Media type of the content of a memory.
+pub(super) const MEMORY: &str = "application/octet-stream";
+
 /// Longest time in which a body must arrive.
 const BODY_TIME: Duration = Duration::from_secs(5);
 
@@ -84,8 +87,15 @@ fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
     if !origin.is_none_or(is_own) || !site.is_none_or(|site| matches!(site, "same-origin" | "none")) {
         return Some("a web page of another origin may not use the API");
     }
-    if (!request.method().is_safe() || has_body(headers)) && !is_json(headers) {
-        return Some("the Content-Type of a request that changes something must be application/json");
+    if !request.method().is_safe() || has_body(headers) {
+        let path = request.uri().path();
+        if path.ends_with("/memory") && path.starts_with("/api/drives/") {
+            if !is_media(headers, MEMORY) {
+                return Some("the Content-Type of a memory must be application/octet-stream");
+            }
+        } else if !is_media(headers, "application/json") {
+            return Some("the Content-Type of a request that changes something must be application/json");
+        }
     }
     None
 }
@@ -119,9 +129,10 @@ fn has_body(headers: &HeaderMap) -> bool {
     headers.contains_key(header::TRANSFER_ENCODING) || length.is_some_and(|length| length != "0")
 }
 
-fn is_json(headers: &HeaderMap) -> bool {
+/// Returns true if a request has this media type. A browser asks before it sends one of those that the API takes.
+fn is_media(headers: &HeaderMap, wanted: &str) -> bool {
     let media = headers.get(header::CONTENT_TYPE).and_then(|media| media.to_str().ok()).unwrap_or("");
-    media.split(';').next().unwrap_or("").trim().eq_ignore_ascii_case("application/json")
+    media.split(';').next().unwrap_or("").trim().eq_ignore_ascii_case(wanted)
 }
 
 /// The body of a request, read from JSON.
@@ -311,12 +322,13 @@ mod tests {
     #[test]
     fn media_types() {
         let json = |media: &'static str| {
-            is_json(&HeaderMap::from_iter([(header::CONTENT_TYPE, media.parse().unwrap())]))
+            let headers = HeaderMap::from_iter([(header::CONTENT_TYPE, media.parse().unwrap())]);
+            is_media(&headers, "application/json")
         };
         assert!(json("application/json"));
         assert!(json("Application/JSON; charset=utf-8"));
         assert!(!json("text/plain"));
         assert!(!json("application/jsonp"));
-        assert!(!is_json(&HeaderMap::new()));
+        assert!(!is_media(&HeaderMap::new(), "application/json"));
     }
 }

@@ -3,6 +3,7 @@
 //! The API runs on a thread of its own. Each call becomes one job for the thread that owns the bench. That
 //! thread executes one job at a time. Long data, such as a trace, is copied from the bench in pieces.
 
+mod boards;
 mod calls;
 mod downloads;
 mod event_stream;
@@ -13,6 +14,7 @@ mod problem;
 mod received;
 mod schema;
 
+use std::collections::BTreeMap;
 use std::io;
 use std::net::TcpListener;
 use std::pin::pin;
@@ -26,6 +28,7 @@ use axum::http::{StatusCode, header};
 use axum::middleware::{from_fn, from_fn_with_state, map_response};
 use axum::routing::get;
 use drivetwin_sim::bench::Bench;
+use drivetwin_sim::commands::{Drive, OnBench};
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::sync::{Notify, Semaphore, oneshot};
@@ -33,6 +36,7 @@ use tracing::{debug, warn};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
+use crate::board::Board;
 use crate::event_loop::{BenchHandle, EventLoop};
 use guard::Hosts;
 use problem::Problem;
@@ -55,6 +59,8 @@ const HEAD_TIME: Duration = Duration::from_secs(5);
 struct Api {
     handle: BenchHandle,
     places: Arc<Places>,
+    /// Boards, by the names of their drives.
+    boards: Boards,
     /// Has one permit, which a call takes while it advances the clock.
     advancing: Arc<Semaphore>,
     /// Permits for readers of event streams.
@@ -63,7 +69,51 @@ struct Api {
     exports: Arc<Semaphore>,
 }
 
+/// Boards, by the names of their drives. On the bench each has a drive of the same name that is elsewhere.
+pub(crate) type Boards = Arc<BTreeMap<String, Board>>;
+
 impl Api {
+    /// Acts on a drive of the bench, on the thread of the bench, or on the drive of a board, on a thread of its own.
+    /// With `settles`, in manual time the action has its whole effect before the next call.
+    async fn act<T: Send + 'static>(
+        &self,
+        name: String,
+        settles: bool,
+        act: impl FnOnce(&mut dyn Drive) -> Result<T, Problem> + Send + 'static,
+    ) -> Result<T, Problem> {
+        if self.boards.contains_key(&name) {
+            return self.on_board(name, move |board| act(&mut board.drive()?)).await;
+        }
+        self.call(move |event_loop| {
+            let id = calls::find_drive(event_loop, &name)?;
+            let done = act(&mut OnBench::new(&mut event_loop.bench, id))?;
+            if settles {
+                event_loop.begin_idle_run();
+            }
+            Ok(done)
+        })
+        .await?
+    }
+
+    /// Acts on the board with a drive of that name, on a thread of its own, because its answers take time.
+    async fn on_board<T: Send + 'static>(
+        &self,
+        name: String,
+        act: impl FnOnce(&Board) -> Result<T, Problem> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let boards = Arc::clone(&self.boards);
+        let done = tokio::task::spawn_blocking(move || {
+            let board = boards.get(&name).ok_or_else(|| Problem::not_found(format!("{name} is no board")))?;
+            act(board)
+        });
+        done.await.map_err(|_| stopping())?
+    }
+
+    /// Refuses what a bench with a board cannot do.
+    fn refuse_with_boards(&self, reason: &str) -> Result<(), Problem> {
+        if self.boards.is_empty() { Ok(()) } else { Err(Problem::conflict(reason)) }
+    }
+
     /// Executes a job on the thread of the bench.
     async fn call<T: Send + 'static>(
         &self,
@@ -135,6 +185,7 @@ pub(crate) fn serve(
     allowed: &[String],
     handle: BenchHandle,
     places: Places,
+    boards: Boards,
 ) -> io::Result<Server> {
     let hosts = Hosts { here: listener.local_addr()?, allowed: allowed.into() };
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
@@ -144,7 +195,7 @@ pub(crate) fn serve(
     };
     let room = |most| Arc::new(Semaphore::new(most));
     let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
-    let api = Api { handle, places: Arc::new(places), advancing, readers, exports };
+    let api = Api { handle, places: Arc::new(places), boards, advancing, readers, exports };
     let router = router(api, hosts);
     let (end, ended) = oneshot::channel();
     let thread = std::thread::Builder::new().name("control".into()).spawn(move || {
@@ -183,6 +234,8 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(calls::preset))
         .routes(routes!(calls::fault, calls::heal))
         .routes(routes!(calls::power))
+        .routes(routes!(boards::kind))
+        .routes(routes!(boards::memory, boards::set_memory))
         .routes(routes!(calls::buses))
         .routes(routes!(calls::disturb))
         .routes(routes!(calls::play))

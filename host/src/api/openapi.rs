@@ -39,7 +39,11 @@ pub(super) fn complete(mut document: openapi::OpenApi) -> openapi::OpenApi {
                 "The request comes from a web page, or might: its Host is not a loopback address or an allowed name, its Origin is another site, or it changes something without `Content-Type: application/json`.",
             );
             refuse(operation, "422", "The request is well formed but cannot be executed.");
-            refuse(operation, "503", "The bench is stopping, or there is no room for one more reader.");
+            refuse(
+                operation,
+                "503",
+                "The bench is stopping, a board cannot be reached, or there is no room for one more reader.",
+            );
             if names_something {
                 refuse(operation, "404", "Unknown name; the detail has the nearest one.");
             }
@@ -111,6 +115,7 @@ mod tests {
             "get /api/bench",
             "get /api/buses",
             "get /api/drives/{name}",
+            "get /api/drives/{name}/memory",
             "get /api/drives/{name}/received",
             "get /api/events",
             "get /api/trace",
@@ -121,6 +126,8 @@ mod tests {
             "post /api/time/advance",
             "put /api/buses/{name}/faults",
             "put /api/drives/{name}/faults/{fault}",
+            "put /api/drives/{name}/kind",
+            "put /api/drives/{name}/memory",
             "put /api/drives/{name}/pins/{pin}",
             "put /api/drives/{name}/registers/{register}",
             "put /api/time",

@@ -57,6 +57,7 @@ impl From<Refusal> for Problem {
             Refusal::Unknown(sentence) => Self::not_found(sentence),
             Refusal::Invalid(sentence) => Self::refused(sentence),
             Refusal::Conflict(sentence) => Self::conflict(sentence),
+            Refusal::Away(sentence) => Self::new(StatusCode::SERVICE_UNAVAILABLE, sentence),
         }
     }
 }

@@ -18,6 +18,7 @@ use super::calls::find_drive;
 use super::guard::QueryParameters;
 use super::problem::Problem;
 use super::schema::{ValueSchema, seconds};
+use crate::board::reasons;
 
 /// Parameters of the call.
 #[derive(Deserialize)]
@@ -225,7 +226,10 @@ impl From<bench::Counts> for Counts {
         ("function" = Option<u8>, Query, description = "only requests with this Modbus function"),
         ("register" = Option<String>, Query, description = "only requests that read or write this register"),
     ),
-    responses((status = 200, body = Received)),
+    responses(
+        (status = 200, body = Received),
+        (status = 409, description = "The drive is on a board.", body = Problem, content_type = "application/problem+json"),
+    ),
 )]
 pub(super) async fn received(
     State(api): State<Api>,
@@ -247,9 +251,13 @@ pub(super) async fn received(
             spec.find(&register)
                 .ok_or_else(|| Problem::refused(suggest::unknown("register", &register, names)))
         });
+        let register = register.transpose()?;
         let bench = &event_loop.bench;
+        if bench.is_elsewhere(drive) {
+            return Err(Problem::conflict(reasons::NO_JOURNAL));
+        }
         let statistics = ReceivedStatistics::of(bench, drive);
-        Ok::<_, Problem>((bench.received(drive).since(since), register.transpose()?, statistics))
+        Ok::<_, Problem>((bench.received(drive).since(since), register, statistics))
     });
     let (mut received, register, statistics) = received.await??;
     if let Some(function) = function {

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use drivetwin_firmware::device::{Axis, Instant, Level, Pin, Port, Role};
+use drivetwin_firmware::device::{Instant, Level, Pin, Port, Role};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{self, DriveId, Outlet, PowerAction, scenario};
-use drivetwin_sim::commands::{Contact, InputLevel};
+use drivetwin_sim::commands::{self, Contact, InputLevel, OnBench, Refusal};
 use drivetwin_sim::config::bench_file::parse_scenarios;
 use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize, Serializer};
@@ -13,6 +13,7 @@ use serde_json::Value as Json;
 use utoipa::ToSchema;
 
 use super::faults::Faults;
+use crate::board::{Board, Drive as OnBoard, of_first_port};
 use crate::event_loop::EventLoop;
 
 /// An object whose members are in the order of the manual.
@@ -30,7 +31,47 @@ pub(super) struct Bench {
     drives: Vec<Seated>,
     buses: Vec<Bus>,
     motors: Vec<Motor>,
+    /// Boards at this computer; a board is a drive, too.
+    boards: Vec<BoardView>,
     time: Time,
+}
+
+/// A board at this computer.
+#[derive(Serialize, ToSchema)]
+#[schema(as = Board)]
+pub(super) struct BoardView {
+    /// Name of its drive.
+    drive: String,
+    /// Its control port.
+    #[schema(example = "/dev/ttyACM1 (usb:E66138935F3A6C2B)")]
+    place: String,
+    /// The reason in one sentence why it cannot be reached now; null while it is connected.
+    away: Option<String>,
+    /// The image and what was lost; null while it cannot be reached.
+    image: Option<ImageView>,
+}
+
+/// Image of a board, and statistics since the board started.
+#[derive(Serialize, ToSchema)]
+#[schema(as = BoardImage)]
+struct ImageView {
+    /// Version of the image.
+    #[schema(example = "0.1.0")]
+    version: String,
+    /// Kinds of drive that the board can be.
+    kinds: Vec<String>,
+    /// True if the drive starts without its start-up delay.
+    fast_boot: bool,
+    /// Number of inputs of the drive that were lost because too many waited.
+    lost_inputs: u32,
+    /// Number of events that are missing in the recording, because too many waited to be sent.
+    lost_events: u32,
+    /// Number of characters of the drive that the computer did not read in time from the port of the bus.
+    lost_characters: u32,
+    /// Number of failures of pins, ports and the memory.
+    failures: u32,
+    /// Steps that were made in addition to those planned.
+    slipped_steps: i32,
 }
 
 /// A drive on the bench.
@@ -305,6 +346,22 @@ impl From<Action> for PowerAction {
     }
 }
 
+/// The kind that a board shall be.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"kind": "qsb-d"}))]
+pub(super) struct Kind {
+    pub(super) kind: String,
+}
+
+/// The kind that a board is now.
+#[derive(Serialize, ToSchema)]
+pub(super) struct Kinds {
+    pub(super) kind: String,
+    /// Kinds that it can be.
+    pub(super) kinds: Vec<String>,
+}
+
 /// New time mode.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -376,7 +433,54 @@ fn toml(json: &Json) -> Option<String> {
 /// URIs of each line and TCP port.
 pub(crate) type Places = BTreeMap<Outlet, Vec<String>>;
 
+impl BoardView {
+    pub(super) fn of(board: &Board) -> (Self, Option<Now>) {
+        let seen = board.drive().and_then(|mut drive| {
+            let (state, statistics) = (commands::Drive::state(&mut drive)?, drive.statistics()?);
+            let now = Now { powered: state.powered, at: drive.now()? };
+            Ok((ImageView::of(&drive, statistics)?, now))
+        });
+        let (image, away, now) = match seen {
+            Ok((image, now)) => (Some(image), None, Some(now)),
+            Err(refusal) => (None, Some(refusal.to_string()), None),
+        };
+        (Self { drive: board.name().to_owned(), place: board.place().to_owned(), away, image }, now)
+    }
+}
+
+/// Power and time of a board at this instant.
+pub(super) struct Now {
+    powered: bool,
+    at: Instant,
+}
+
+impl ImageView {
+    fn of(drive: &OnBoard, statistics: drivetwin_control::Statistics) -> Result<Self, Refusal> {
+        Ok(Self {
+            version: drive.image().to_owned(),
+            kinds: drive.kinds()?,
+            fast_boot: drive.is_fast_boot(),
+            lost_inputs: statistics.lost_inputs,
+            lost_events: statistics.lost_events,
+            lost_characters: statistics.lost_characters,
+            failures: statistics.failures,
+            slipped_steps: statistics.slipped,
+        })
+    }
+}
+
 impl Bench {
+    /// Adds a board, whose drive is on the bench already.
+    pub(super) fn add(&mut self, (board, now): (BoardView, Option<Now>)) {
+        if let Some(seat) = self.drives.iter_mut().find(|seat| seat.name == board.drive) {
+            seat.powered = now.as_ref().is_some_and(|now| now.powered);
+        }
+        if let Some(now) = now {
+            self.time.seconds = self.time.seconds.max(seconds(now.at));
+        }
+        self.boards.push(board);
+    }
+
     pub(super) fn of(event_loop: &EventLoop, places: &Places) -> Self {
         let bench = &event_loop.bench;
         let name = |id: DriveId| bench.name(id).to_owned();
@@ -390,6 +494,7 @@ impl Bench {
             drives: drives.collect(),
             buses: Bus::all(bench, places),
             motors: motors.collect(),
+            boards: Vec::new(),
             time: Time::of(event_loop),
         }
     }
@@ -438,25 +543,39 @@ impl Time {
 }
 
 impl Drive {
-    pub(super) fn of(bench: &bench::Bench, id: DriveId, places: &Places) -> Self {
-        let spec = bench.spec(id);
+    /// A drive of a bench.
+    pub(super) fn of_bench(bench: &mut bench::Bench, id: DriveId, places: &Places) -> Result<Self, Refusal> {
+        let ports = (0..).map(Port).zip(bench.spec(id).ports);
+        let ports = ports.map(|(port, of)| (of.name, Seen::of(bench, id, port, places))).collect();
+        Self::of(&mut OnBench::new(bench, id), InOrder(ports))
+    }
+
+    /// The drive of a board.
+    pub(super) fn of_board(drive: &mut OnBoard) -> Result<Self, Refusal> {
+        let (line, seen) = of_first_port(&drive.statistics()?);
+        let first = commands::Drive::spec(drive).ports.iter().take(1);
+        let ports = first.map(|port| (port.name, Seen::Serial(Statistics::of(line.clone(), seen)))).collect();
+        Self::of(drive, InOrder(ports))
+    }
+
+    fn of(drive: &mut dyn commands::Drive, ports: InOrder<Seen>) -> Result<Self, Refusal> {
+        let spec = drive.spec();
+        let (state, registers) = (drive.state()?, drive.values()?);
         let is_light = |pin: Pin| spec.pins.get(usize::from(pin.0)).is_some_and(|pin| pin.role == Role::Led);
         let lights = spec.pin_names().filter(|(_, pin)| is_light(*pin));
         let pins = spec.pin_names().filter(|(_, pin)| !is_light(*pin));
-        let faults = (0..).map(drivetwin_firmware::device::Fault).zip(spec.faults);
-        let ports = (0..).map(Port).zip(spec.ports);
-        let ports = ports.map(|(port, of)| (of.name, Seen::of(bench, id, port, places)));
-        Self {
-            name: bench.name(id).to_owned(),
+        let faults = spec.faults.iter().copied().zip(state.faults.iter().copied());
+        Ok(Self {
+            name: drive.name().to_owned(),
             kind: spec.kind,
-            powered: bench.powered(id),
-            registers: InOrder(spec.rows().map(|(row, of)| (of.name, bench.value(id, row))).collect()),
-            pins: InOrder(pins.map(|(name, pin)| (name, Shown::of(bench.level(id, pin)))).collect()),
-            leds: InOrder(lights.map(|(name, pin)| (name, bench.level(id, pin) == Level::High)).collect()),
-            motion: spec.axes.first().map(|_| Motion::of(bench.motion(id, Axis(0)))),
-            faults: InOrder(faults.map(|(fault, &name)| (name, bench.faulty(id, fault))).collect()),
-            ports: InOrder(ports.collect()),
-        }
+            powered: state.powered,
+            registers: InOrder(registers),
+            pins: InOrder(pins.map(|(name, pin)| (name, Shown::of(state.level(pin)))).collect()),
+            leds: InOrder(lights.map(|(name, pin)| (name, state.level(pin) == Level::High)).collect()),
+            motion: state.motion.map(Motion::of),
+            faults: InOrder(faults.collect()),
+            ports,
+        })
     }
 }
 
@@ -537,7 +656,7 @@ mod tests {
         bench.send(client, &[0, 1, 0, 0, 0, 2, 1, 0x11]);
         bench.send(client, &[0, 1, 2, 3]);
         bench.run_until_idle();
-        let drive = serde_json::to_value(Drive::of(&bench, echo, &places)).unwrap();
+        let drive = serde_json::to_value(Drive::of_bench(&mut bench, echo, &places).unwrap()).unwrap();
         let expected = serde_json::json!({
             "modbus": {"listen": ["tcp:127.0.0.1:5020"], "connected": 1, "connections": 2, "broken": 1,
                 "messages": 1, "requests": 1, "refused": 0, "dropped": 0},

@@ -57,6 +57,15 @@ impl Device {
         Ok(Self { path: path.into(), fd })
     }
 
+    /// Descriptor of the device as a port for bytes of any kind. It is non-blocking.
+    ///
+    /// # Errors
+    /// The device does not take the settings.
+    pub(crate) fn into_raw(self) -> io::Result<OwnedFd> {
+        try_set(&self.fd, Line::new(115_200, 8, Parity::None, 1), OptionalActions::Now)?;
+        Ok(self.fd)
+    }
+
     /// URI of the device.
     pub(super) fn uri(&self) -> String {
         Uri::Serial(self.path.clone()).to_string()

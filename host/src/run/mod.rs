@@ -3,6 +3,7 @@
 //! Names, values, addresses in use and files are checked before any port listens. Old recordings are
 //! overwritten last.
 
+mod attach;
 mod configuration;
 mod memories;
 mod offline;
@@ -10,6 +11,7 @@ mod output_files;
 mod reserved_ports;
 
 use std::os::fd::AsFd;
+use std::sync::Arc;
 
 use drivetwin_firmware::device::Spec;
 use drivetwin_sim::bench::{Bench, Bus, DriveId, Settings};
@@ -17,12 +19,14 @@ use drivetwin_sim::config::layout::Built;
 use drivetwin_sim::config::time_mode::TimeMode;
 use tracing::info;
 
-use crate::api;
+use crate::api::{self, Boards};
 use crate::banner::Banner;
-use crate::event_loop::{self, EventLoop};
+use crate::board::OnBoard;
+use crate::event_loop::{self, BenchHandle, EventLoop};
 use crate::lender::Lender;
 use crate::options::Control;
 use crate::ports::Bound;
+pub use attach::attach;
 pub use configuration::Configuration;
 use memories::{Memory, store_programs};
 pub use offline::{Memories, Offline};
@@ -51,6 +55,8 @@ pub struct Running {
     memories: Vec<Memory>,
     /// The control API, if there is one.
     api: Option<api::Server>,
+    /// Boards, by the names of their drives.
+    boards: Boards,
 }
 
 impl Configuration {
@@ -61,10 +67,7 @@ impl Configuration {
     pub fn prepare(self) -> Result<Prepared, String> {
         let programs = self.programs()?;
         let ports = ReservedPorts::all(&self.layout)?;
-        let control = match &self.options.control {
-            Control::Off => None,
-            Control::At(address) => Some(reserved_ports::reserve_tcp("--control ", address)?),
-        };
+        let control = reserve_control(&self.options.control)?;
         let memories = self.memories(&programs)?;
         let files = OutputFiles::open(&self.options, &memories)?;
 
@@ -87,6 +90,17 @@ impl Configuration {
     }
 }
 
+/// Reserves the address of the control API, if it has one.
+///
+/// # Errors
+/// One sentence: the address cannot be used.
+fn reserve_control(control: &Control) -> Result<Option<Bound>, String> {
+    match control {
+        Control::Off => Ok(None),
+        Control::At(address) => reserved_ports::reserve_tcp("--control ", address).map(Some),
+    }
+}
+
 /// Most connections to the control API that may wait to be accepted. This limit is low because a waiting connection
 /// is still served after its caller has left.
 const API_BACKLOG: i32 = 128;
@@ -104,21 +118,34 @@ impl Prepared {
             .map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
         let lender = Lender::new(handle.clone());
         let mut banner = Banner::new(&bench, &drives, addresses);
-        let mut server = None;
-        if let Some(bound) = control {
-            let api = bound.listen(API_BACKLOG).and_then(|listener| {
-                let address = listener.local_addr()?;
-                Ok((api::serve(listener, &allow_host, handle, banner.places())?, address))
-            });
-            let (api, address) = api.map_err(|error| format!("--control cannot listen: {error}"))?;
-            banner.set_control(address);
-            server = Some(api);
-        }
+        let boards = Boards::default();
+        let api = serve_control(control, &allow_host, handle, &mut banner, &boards)?;
         let files = files.begin(&bench)?;
         memories.iter().for_each(Memory::warn);
         let event_loop = EventLoop::new(bench, ports, time_mode, files, inbox);
-        Ok(Running { event_loop, lender, banner, memories, api: server })
+        Ok(Running { event_loop, lender, banner, memories, api, boards })
     }
+}
+
+/// Serves the control API, if it has an address, which the banner then shows.
+///
+/// # Errors
+/// One sentence: the address cannot be listened on.
+fn serve_control(
+    control: Option<Bound>,
+    allow_host: &[String],
+    handle: BenchHandle,
+    banner: &mut Banner,
+    boards: &Boards,
+) -> Result<Option<api::Server>, String> {
+    let Some(bound) = control else { return Ok(None) };
+    let api = bound.listen(API_BACKLOG).and_then(|listener| {
+        let address = listener.local_addr()?;
+        Ok((api::serve(listener, allow_host, handle, banner.places(), Arc::clone(boards))?, address))
+    });
+    let (api, address) = api.map_err(|error| format!("--control cannot listen: {error}"))?;
+    banner.set_control(address);
+    Ok(Some(api))
 }
 
 impl Running {
@@ -126,6 +153,12 @@ impl Running {
     #[must_use]
     pub fn lender(&self) -> Lender {
         self.lender.clone()
+    }
+
+    /// The board with the drive of that name; `None` if the drive is emulated here.
+    #[must_use]
+    pub fn board(&self, drive: &str) -> Option<OnBoard> {
+        OnBoard::new(&self.boards, drive)
     }
 
     /// Names and descriptions of the drives.
@@ -168,6 +201,12 @@ impl Running {
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");
+        for board in self.boards.values() {
+            // A board that is gone has reported what it will.
+            if let Ok(at) = board.drive().and_then(|drive| drive.now()) {
+                self.event_loop.catch_up_with_board(at);
+            }
+        }
         let mut failures: Vec<String> =
             self.memories.iter().filter_map(|memory| memory.sync().err()).collect();
         failures.extend(self.event_loop.end_files());
@@ -175,6 +214,7 @@ impl Running {
         // Calls that wait for the bench get an error, and then the API ends.
         drop(self.event_loop);
         drop(self.api);
+        drop(self.boards);
         if failures.is_empty() { Ok(()) } else { Err(failures.join("; ")) }
     }
 }

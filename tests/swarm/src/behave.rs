@@ -113,6 +113,17 @@ fn parts<'a>(
     (block.first..).step_by(most).zip(values.chunks(most)).map(move |(first, values)| (first, words(values)))
 }
 
+/// Noise that begins with an address which no drive has. No beginning of it is a frame by chance, because the rest would then
+/// be a frame of its own, later than the client expects.
+fn noise(free: u8, rng: &mut Rng) -> Vec<u8> {
+    loop {
+        let bytes: Vec<u8> = std::iter::once(free).chain((0..rng.u8(1..40)).map(|_| rng.u8(..))).collect();
+        if (1..=bytes.len()).all(|count| rtu::verify_crc(&bytes[..count]).is_none()) {
+            return bytes;
+        }
+    }
+}
+
 /// Requests that write a block, and their replies (application 6.6, 6.12). A single word is written by
 /// function 6 or 16.
 fn writing(family: Family, block: Block, values: &[u32], rng: &mut Rng) -> Vec<Exchange> {
@@ -301,9 +312,9 @@ impl Runner<'_> {
     /// [`compared_rows`] without those that an input of this drive may change.
     fn rows_to_compare(&self, seat: DriveId) -> impl Iterator<Item = (usize, &'static Row)> + use<> {
         let spec = self.bench.spec(seat);
-        let has_wired_inputs = self.has_wired_inputs(self.bench.name(seat));
+        let has_inputs = self.has_inputs(self.bench.name(seat));
         compared_rows(spec)
-            .filter(move |(_, row)| !has_wired_inputs || !Family::of(spec.kind).changes_by_inputs(row.name))
+            .filter(move |(_, row)| !has_inputs || !Family::of(spec.kind).changes_by_inputs(row.name))
     }
 
     /// [`rows_to_compare`](Self::rows_to_compare) by name, with only the bits that are saved.
@@ -318,11 +329,11 @@ impl Runner<'_> {
         let spec = self.bench.spec(seat);
         let family = Family::of(spec.kind);
         let blocks = family.blocks();
-        let has_wired_inputs = self.has_wired_inputs(self.bench.name(seat));
+        let has_inputs = self.has_inputs(self.bench.name(seat));
         let is_steady = |row: &Row| {
             (row.saved != 0 || blocks.iter().any(|block| block.contains(row.address)))
                 && !family.changes_by_itself(row.address)
-                && !(has_wired_inputs && family.changes_by_inputs(row.name))
+                && !(has_inputs && family.changes_by_inputs(row.name))
         };
         let rows = dialect::settable(spec).filter(|(_, row)| is_steady(row));
         rows.map(|(place, row)| (row.name, self.bench.peek(seat, place) & saved_bits(row))).collect()
@@ -410,7 +421,7 @@ impl Runner<'_> {
             if let Some((register, value)) = family.save() {
                 let block = Block { first: register, count: 1 };
                 let write = writing(family, block, &[value.into()], rng);
-                let refusal = family.refuses_to_save().filter(|_| self.has_wired_inputs(name));
+                let refusal = family.refuses_to_save().filter(|_| self.has_inputs(name));
                 is_saved = self.exchange_or_refusal(name, &write, refusal, rng)?;
             }
         }
@@ -490,7 +501,7 @@ impl Runner<'_> {
             // The bench waits this long for the rest of a message that is not complete.
             let mut patience = FRAME_TIMEOUT;
             match rng.u8(..4) {
-                0 => bytes = std::iter::once(free).chain((0..rng.u8(1..40)).map(|_| rng.u8(..))).collect(),
+                0 => bytes = noise(free, rng),
                 1 if is_ascii => {
                     let check = bytes.len() - 3;
                     bytes[check] = if bytes[check] == b'0' { b'1' } else { b'0' };

@@ -175,10 +175,10 @@ impl Family {
         }
     }
 
-    /// Returns true if a drive changes a saved register when an input changes: IN1 of an RS drive starts its
-    /// motor, which copies OFFSET_CONST to OFFSET, and OFFSET then changes during the motion (RS 5015h, 5017h).
+    /// Returns true if a drive changes a saved register when an input changes. IN1 of an RS drive starts its motor,
+    /// which copies OFFSET_CONST to OFFSET (RS 5015h, 5017h) or the selected position to TARGET_POSITION (RS 5019h).
     pub(crate) fn changes_by_inputs(self, name: &str) -> bool {
-        self == Self::Rs434 && name == "OFFSET"
+        self == Self::Rs434 && matches!(name, "OFFSET" | "TARGET_POSITION")
     }
 
     /// Exception code of a drive that does not save because an input moves it: an MDrive in motion (MC error 73).

@@ -136,7 +136,7 @@ fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, F
                 alone.last = at;
             }
             Event::Input(fed) => fed.input().map_or(Ok(()), |input| alone.hear(at, input))?,
-            Event::Output(_) | Event::Shaft { .. } | Event::Received(_) => {}
+            Event::Output(_) | Event::Shaft { .. } | Event::Received(_) | Event::Missing { .. } => {}
         }
     }
     if alone.powered {

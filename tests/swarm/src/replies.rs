@@ -234,7 +234,7 @@ pub(crate) fn judge(
                 heard.line = line;
                 Ok(())
             }
-            Event::Output(_) | Event::Shaft { .. } | Event::Received(_) => Ok(()),
+            Event::Output(_) | Event::Shaft { .. } | Event::Received(_) | Event::Missing { .. } => Ok(()),
         };
         result.map_err(|(wrong, bytes)| {
             let detail = format!("{} says {bytes:02X?} at {:?}: {wrong}", drive.name, entry.at);

@@ -269,14 +269,22 @@ impl Runner<'_> {
         Some(Family::of(self.bench.spec(self.bench.find_drive(name)?).kind))
     }
 
-    /// Returns true if a wire, a switch or an encoder may change an input of a drive at any time.
-    pub(crate) fn has_wired_inputs(&self, name: &str) -> bool {
+    /// Returns true if something may change an input of a drive: a wire, a switch, an encoder, a scenario, or a step
+    /// of the plan.
+    pub(crate) fn has_inputs(&self, name: &str) -> bool {
         let layout = &self.layout;
         let wires = layout.wires.iter().map(|wire| wire.to);
         let switches = layout.switches.iter().map(|switch| switch.to);
         let encoders =
             layout.encoders.iter().flat_map(|encoder| [encoder.a, encoder.b, encoder.index]).flatten();
-        wires.chain(switches).chain(encoders).any(|(drive, _)| layout.drives[drive].name == name)
+        let is_stimulated = self.plan.steps.iter().any(|step| match step {
+            Step::Hand(drive, ..) | Step::Pulse(drive, ..) | Step::Turn(drive, ..) => *drive == name,
+            _ => false,
+        });
+        let mut wired = wires.chain(switches).chain(encoders);
+        is_stimulated
+            || !layout.scenarios.is_empty()
+            || wired.any(|(drive, _)| layout.drives[drive].name == name)
     }
 
     fn say(&mut self, who: Who, bytes: &[u8]) {

@@ -1,10 +1,12 @@
 //! The Pico's image in the exact virtual time of its emulator: behaviour of a board's serial line, step timer
 //! and flash that a bench cannot show.
 //!
-//! `cargo xtask test` builds the images, sets `DRIVETWIN_IMAGES` to their folder, and runs these tests. The
+//! `cargo xtask test` builds the images, sets `DRIVETWIN_IMAGES` to their folder and `DRIVETWIN_UF2` to the UF2 with all of them, and
+//! runs these tests. The
 //! pins are those of firmware/boards/rp2040/README.md, typed by hand.
 #![allow(missing_docs, reason = "a test")]
 
+mod kinds;
 mod line;
 mod memory;
 mod motion;
@@ -13,6 +15,7 @@ mod play;
 mod qsb;
 mod reset;
 mod rs434;
+mod usb;
 
 use std::path::PathBuf;
 

@@ -31,33 +31,35 @@ fn steps(plan: &Plan) -> Vec<u64> {
     StepIterator::new(plan, plan.start()).map(|step| step.at.since(plan.start()).ticks()).collect()
 }
 
+/// Ticks in a microsecond.
+const TICKS: u64 = 16;
+
 /// Error of the request's timestamp, and the least and greatest delay of the pulses, in ns. The plan starts
-/// at `due` if the timestamp of the request's last character is exact. The timestamp is up to 5 µs later, in
+/// at the tick `due` if the timestamp of the request's last character is exact. The timestamp is up to 5 µs later, in
 /// whole µs. The plan's instants are rounded to the Pico's microsecond.
-fn lateness(rises: &[Nanos], steps: &[u64], due: Nanos) -> (Nanos, i64, i64) {
+fn lateness(rises: &[Nanos], steps: &[u64], due: u64) -> (Nanos, i64, i64) {
     assert_eq!(rises.len(), steps.len(), "every step is made, and no other");
-    let late = |start: Nanos| {
+    let late = |start: u64| {
         let late = rises.iter().zip(steps).map(move |(&rise, &step)| {
-            let instant = start + step * 125 / 2;
-            rise as i64 - ((instant + US / 2) / US * US) as i64
+            let micros = (start + step + TICKS / 2) / TICKS;
+            rise as i64 - (micros * US) as i64
         });
         late.fold((i64::MAX, i64::MIN), |(least, most), late| (least.min(late), most.max(late)))
     };
-    let starts = (0..6).map(|n| due + n * US);
-    let (start, (least, most)) = starts
-        .map(|start| (start, late(start)))
+    let starts = (0..6).map(|n| (n * US, due + n * TICKS));
+    let (error, (least, most)) = starts
+        .map(|(error, start)| (error, late(start)))
         .filter(|(_, (least, _))| *least >= 0)
         .min_by_key(|(_, (least, most))| (most - least, *least))
         .expect("no step is early");
-    (start - due, least, most)
+    (error, least, most)
 }
 
-/// Instant at which the drive accepts a request. The stop bit of the request's first character ends at
+/// Tick at which the drive accepts a request. The stop bit of the request's first character ends at
 /// `asked`; the drive accepts the request 4.5 characters after its eighth character, in ticks of 1/16 µs
 /// (PROJECT-2, PROJECT-3).
-fn taken(asked: Nanos) -> Nanos {
-    let stamp = (asked + 7 * CHARACTER).div_ceil(US) * US;
-    stamp + (64_166 + 18_333) * 125 / 2
+fn taken(asked: Nanos) -> u64 {
+    (asked + 7 * CHARACTER).div_ceil(US) * TICKS + 64_166 + 18_333
 }
 
 /// Width of each pulse, and the interval to the next pulse. The last pulse is left out.
@@ -73,25 +75,36 @@ fn widths(run: &Run) -> Vec<(Nanos, Nanos)> {
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn every_pulse_of_a_move_is_where_the_plan_has_it() {
-    let mut script = Script::fast();
-    let asked = write(&mut script, START, &MOVE);
+    expect_every_pulse(&image(), Script::fast(), START, |_, _, _| {});
+}
+
+/// Appends a move to a script, from `start` on, and asserts that every pulse is where the plan has it. `meanwhile` adds what
+/// else happens between two instants.
+pub(crate) fn expect_every_pulse(
+    image: &Path,
+    mut script: Script,
+    start: Nanos,
+    meanwhile: impl Fn(&mut Script, Nanos, Nanos),
+) {
+    let asked = write(&mut script, start, &MOVE);
     script.hear(asked, &rtu::write(1, at::MOTION, bit::MOVE));
     // The bus is also busy during the move.
     let polls: Vec<Nanos> = (1..9).map(|n| asked + n * TURN).collect();
     for &poll in &polls {
+        meanwhile(&mut script, poll - TURN, poll);
         script.hear(poll, &rtu::read(1, at::MOTION, 1));
     }
     let end = asked + 10 * TURN + 200 * MS;
     script.hear(end, &rtu::read(1, at::MOTION, 1));
-    let run = script.play(&image(), end + TURN);
+    let run = script.play(image, end + TURN);
 
     let rates = Limits::even(U24F8::from_num(SPEED), ACCELERATION);
     let plan = Plan::profile(Instant::ZERO, 0, STEPS as i32, rates);
     let rises = run.edges(pin::STEP, Drive::High);
     let (stamp, least, most) = lateness(&rises, &steps(&plan), taken(asked));
     println!("{STEPS} steps at {SPEED}/s: stamp of the request {stamp} ns, pulses {least} to {most} ns late");
-    assert!(most - least <= 1_500, "pulses are {least} to {most} ns late");
-    assert!(most <= 4_000, "pulses are up to {most} ns late");
+    assert!(most - least <= 1_100, "pulses are {least} to {most} ns late");
+    assert!(most <= 1_300, "pulses are up to {most} ns late");
     for (width, interval) in widths(&run) {
         assert!(width >= 2 * US && width <= interval / 2, "{width} ns in an interval of {interval} ns");
     }
@@ -127,7 +140,7 @@ fn a_plan_that_comes_late_slips_and_nothing_is_lost() {
     for (register, value, speed) in orders {
         script.hear(asked, &rtu::write(1, register, value));
         // The timestamp is a microsecond later than the character.
-        let at = Instant::from_ticks((taken(asked) + US) * 2 / 125);
+        let at = Instant::from_ticks(taken(asked) + TICKS);
         plan = match speed {
             Some(speed) => plan.ramp_to(at, I24F8::from_num(speed), ACCELERATION),
             None => plan.halt(at),

@@ -42,6 +42,8 @@ pub(crate) enum OutputRecord {
     PowerOff,
     /// The watchdog reset the board.
     Watchdog,
+    /// The boot loader of the ROM started; it lights these pins, one bit each.
+    BootLoader(u32),
 }
 
 /// Level of a pin that is driven or released.
@@ -57,6 +59,8 @@ pub(crate) enum Drive {
 pub(crate) struct Run {
     /// Events of the board, ordered by time.
     pub(crate) did: Vec<(Nanos, OutputRecord)>,
+    /// What the computer at the USB cable saw, ordered by time.
+    pub(crate) usb: Vec<(Nanos, String)>,
     /// The lines of the output that begin with `stat`, without that word.
     pub(crate) figures: Vec<String>,
 }
@@ -78,6 +82,12 @@ impl Script {
     pub(crate) fn hear(&mut self, at: Nanos, bytes: &[u8]) {
         let bytes: String = bytes.iter().map(|byte| format!(" {byte:02x}")).collect();
         self.at(at, format_args!("rx{bytes}"));
+    }
+
+    /// Lets the computer send bytes to a port of the USB cable.
+    pub(crate) fn send(&mut self, at: Nanos, port: &str, bytes: &[u8]) {
+        let bytes: String = bytes.iter().map(|byte| format!(" {byte:02x}")).collect();
+        self.at(at, format_args!("usb {port}{bytes}"));
     }
 
     /// Plays the script to an image until `end`, on a flash that was never used.
@@ -135,13 +145,17 @@ impl Player {
 
 impl Run {
     fn parse(text: &str) -> Self {
-        let mut run = Self { did: Vec::new(), figures: Vec::new() };
+        let mut run = Self { did: Vec::new(), usb: Vec::new(), figures: Vec::new() };
         for line in text.lines() {
             let (at, what) = line.split_once(' ').expect("two words");
             if at == "stat" {
                 run.figures.push(what.to_owned());
             } else {
                 let at = at.parse().expect("an instant");
+                if let Some(what) = what.strip_prefix("usb ") {
+                    run.usb.push((at, what.to_owned()));
+                    continue;
+                }
                 run.did.push((at, parse(what).unwrap_or_else(|| panic!("at {at} ns: {what}"))));
             }
         }
@@ -165,6 +179,21 @@ impl Run {
             .iter()
             .filter(|(at, did)| matches!(did, OutputRecord::Sent(_)) && (from..to).contains(at));
         sent.map(|(at, _)| *at).collect()
+    }
+
+    /// What the computer at the USB cable saw between `from` and `to`.
+    pub(crate) fn seen(&self, from: Nanos, to: Nanos) -> Vec<&str> {
+        let seen = self.usb.iter().filter(|(at, _)| (from..to).contains(at));
+        seen.map(|(_, what)| what.as_str()).collect()
+    }
+
+    /// Bytes that the computer got from a port of the USB cable between `from` and `to`.
+    pub(crate) fn got(&self, port: &str, from: Nanos, to: Nanos) -> Vec<u8> {
+        let packets = self.seen(from, to).into_iter().filter_map(|what| what.strip_prefix(port));
+        packets
+            .flat_map(str::split_whitespace)
+            .map(|byte| u8::from_str_radix(byte, 16).expect("a byte"))
+            .collect()
     }
 
     /// Instants at which a pin changed to `drive`.
@@ -193,6 +222,7 @@ fn parse(what: &str) -> Option<OutputRecord> {
         ["peek", _, word] => OutputRecord::Peeked(u32::from_str_radix(word, 16).ok()?),
         ["power", "off"] => OutputRecord::PowerOff,
         ["reset", "watchdog"] => OutputRecord::Watchdog,
+        ["boot", "loader", pins] => OutputRecord::BootLoader(u32::from_str_radix(pins, 16).ok()?),
         _ => return None,
     })
 }

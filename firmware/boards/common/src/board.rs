@@ -113,7 +113,7 @@ impl<B: Board> Inputs for BoardInputs<B> {
 }
 
 /// The outputs of a board.
-pub(crate) type Hands<B, M, L, const WIRES: usize> =
+pub(crate) type OutputsOf<B, M, L, const WIRES: usize> =
     BoardOutputs<Sender<<B as Board>::Uart>, <B as Board>::Pin, M, <B as Board>::Timer, WIRES, L>;
 
 /// Makes a drive in a function of its own, so that the stack that `make` needs beside the drive itself is
@@ -149,7 +149,7 @@ where
             station.turn();
         }
     }
-    let mut shell: Shell<&mut D, BoardInputs<B>, Hands<B, M, L, WIRES>, CHARACTERS> =
+    let mut shell: Shell<&mut D, BoardInputs<B>, OutputsOf<B, M, L, WIRES>, CHARACTERS> =
         assemble::<B, _, _, _, _, WIRES>(drive, wires, memory, links);
     shell.power_on(Instant::ZERO, boot);
     // Not enabled earlier, because the stack is deepest while the drive is put on the board.
@@ -171,22 +171,22 @@ fn assemble<'a, B: Board, D: Device, M, L, const CHARACTERS: usize, const WIRES:
     wires: &[B::Wire; WIRES],
     memory: M,
     links: Option<L>,
-) -> Shell<&'a mut D, BoardInputs<B>, Hands<B, M, L, WIRES>, CHARACTERS>
+) -> Shell<&'a mut D, BoardInputs<B>, OutputsOf<B, M, L, WIRES>, CHARACTERS>
 where
     M: Storage + AsRef<[u8]>,
     L: Links,
 {
-    let hands = hands::<B, M, L, WIRES>(drive.spec(), wires, memory, links);
-    Shell::new(drive, BoardInputs(PhantomData), hands)
+    let outputs = wire_outputs::<B, M, L, WIRES>(drive.spec(), wires, memory, links);
+    Shell::new(drive, BoardInputs(PhantomData), outputs)
 }
 
 /// Wires the board for a drive.
-pub(crate) fn hands<B: Board, M, L, const WIRES: usize>(
+pub(crate) fn wire_outputs<B: Board, M, L, const WIRES: usize>(
     spec: &Spec,
     wires: &[B::Wire; WIRES],
     memory: M,
     links: Option<L>,
-) -> Hands<B, M, L, WIRES> {
+) -> OutputsOf<B, M, L, WIRES> {
     let axis = B::axis();
     B::Uart::bus().start(is_full_duplex(spec));
     B::Uart::start();
@@ -208,21 +208,18 @@ pub fn is_awake<B: Board>() -> bool {
         || B::Uart::tap().is_some_and(Tap::has_more)
 }
 
-/// Sleeps as [`Board::sleep_until`] does. `doze` sleeps until an interrupt. It must schedule an interrupt for
-/// its argument, so that it returns when that instant has passed, or earlier.
+/// Sleeps as [`Board::sleep_until`] does. `set` schedules an interrupt for its argument, and returns `false` if that instant
+/// has passed. `doze` sleeps until an interrupt, and returns at once if one has come since it was called last.
 #[inline]
-pub fn sleep_until<B: Board>(deadline: Instant, doze: impl Fn(Instant)) {
+pub fn sleep_until<B: Board>(deadline: Instant, set: impl Fn(Instant) -> bool, doze: impl Fn()) {
     /// Longest sleep without feeding the watchdog.
     const NAP: Duration = Duration::millis(250);
     while B::past() < deadline && !is_awake::<B>() {
         B::feed();
-        // An interrupt during the critical section ends the sleep, so none is missed between the check and
-        // the sleep (BOARD-6).
-        critical_section::with(|_| {
-            if !is_awake::<B>() {
-                doze(deadline.min(B::past() + NAP));
-            }
-        });
+        // An interrupt between the check and the sleep ends the sleep (BOARD-6).
+        if set(deadline.min(B::past() + NAP)) && !is_awake::<B>() {
+            doze();
+        }
     }
 }
 

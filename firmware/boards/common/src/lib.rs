@@ -13,6 +13,7 @@ mod boot;
 mod bus;
 mod cable;
 mod flash;
+mod kinds;
 #[cfg(feature = "network")]
 mod long;
 #[cfg(feature = "network")]
@@ -28,6 +29,7 @@ pub mod station;
 mod steps;
 mod tap;
 mod usart;
+mod usb_serial;
 mod wire;
 
 pub use axis::{Axis, Timer};
@@ -36,6 +38,7 @@ pub use board_outputs::{BoardOutputs, Bus, Release};
 pub use bus::{Sender, SerialBus, Uart};
 pub use cable::{Cable, CablePort, NoCable};
 pub use flash::{Flash, Sectors};
+pub use kinds::{Choice, Directory, Image, sum};
 pub use output::{Gpio, Output};
 pub use pl011::{Pl011, Pl011Uart};
 pub use queue::Queue;
@@ -45,4 +48,5 @@ pub use slips::{SLIPPED, untold};
 pub use steps::{StepPins, StepPort};
 pub use tap::Tap;
 pub use usart::Usart;
+pub use usb_serial::{UsbSerial, line_of};
 pub use wire::{AxisPins, End, is_full_duplex};

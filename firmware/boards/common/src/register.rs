@@ -37,6 +37,12 @@ impl<C: Chip> Register<C> {
         Self::at(self.0, bytes)
     }
 
+    /// The address of the register.
+    #[must_use]
+    pub const fn address(self) -> usize {
+        self.0
+    }
+
     /// Reads the register.
     #[must_use]
     #[inline]

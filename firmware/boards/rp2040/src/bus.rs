@@ -2,17 +2,16 @@
 //! direction.
 
 use cortex_m::peripheral::NVIC;
-use drivetwin_board::{Board, Cable, Pl011Uart, SerialBus, Tap, Uart};
+use drivetwin_board::{Pl011Uart, SerialBus, Tap, Uart};
 use drivetwin_firmware::device::{Duration, Line};
-use rp2040_pac::{Interrupt, interrupt};
 
+use crate::chip::{Interrupt, This, UART0, interrupt};
 use crate::clock::HZ;
-use crate::registers::{Register, Rp2040};
 use crate::timer::{self, Alarm};
 use crate::wires::DE;
-use crate::{Pico, QUEUE, pins, wires};
+use crate::{QUEUE, pins, wires};
 
-const UART: Pl011Uart<Rp2040> = Pl011Uart::at(Register::at(0x4003_4000, 0), HZ / 1_000_000);
+const UART: Pl011Uart<This> = Pl011Uart::at(UART0, HZ / 1_000_000);
 
 /// The bus.
 static BUS: SerialBus<Uart0> = SerialBus::new();
@@ -66,11 +65,6 @@ impl Uart for Uart0 {
         UART.write(byte);
     }
 
-    fn tap() -> Option<&'static Tap> {
-        static TAP: Tap = Tap::new();
-        <Pico as Board>::Cable::IS_THERE.then_some(&TAP)
-    }
-
     fn lose() {
         crate::lose();
     }
@@ -82,6 +76,10 @@ impl Uart for Uart0 {
     #[inline]
     fn turn(sends: bool) {
         pins::write(DE, sends);
+    }
+
+    fn tap() -> Option<&'static Tap> {
+        crate::TAP
     }
 
     #[inline]

@@ -1,4 +1,4 @@
-//! The system clock, from the crystal.
+//! The clocks, from the crystal: that of the system, and that of USB.
 
 use crate::registers::Register;
 use crate::watchdog;
@@ -15,6 +15,10 @@ const REF_SELECTED: Register = Register::at(CLOCKS, 0x38);
 const SYS_CTRL: Register = Register::at(CLOCKS, 0x3C);
 const SYS_SELECTED: Register = Register::at(CLOCKS, 0x44);
 const PERI_CTRL: Register = Register::at(CLOCKS, 0x48);
+const USB_CTRL: Register = Register::at(CLOCKS, 0x54);
+
+/// Enables PERI_CTRL's or USB_CTRL's clock, from the system clock or from the PLL of USB.
+const ENABLED: u32 = 1 << 11;
 
 /// Registers of the crystal oscillator (2.16.7).
 const XOSC: usize = 0x4002_4000;
@@ -22,28 +26,26 @@ const XOSC_CTRL: Register = Register::at(XOSC, 0x0);
 const XOSC_STATUS: Register = Register::at(XOSC, 0x4);
 const XOSC_STARTUP: Register = Register::at(XOSC, 0xC);
 
-/// Registers of the PLL of the system clock (2.18.4).
-const PLL: usize = 0x4002_8000;
-const PLL_CS: Register = Register::at(PLL, 0x0);
-const PLL_PWR: Register = Register::at(PLL, 0x4);
-const PLL_FBDIV: Register = Register::at(PLL, 0x8);
-const PLL_PRIM: Register = Register::at(PLL, 0xC);
+/// Registers of the PLLs of the system clock and of USB (2.18.4).
+const PLL_SYS: usize = 0x4002_8000;
+const PLL_USB: usize = 0x4002_C000;
 
 /// Registers of the resets of the peripherals (2.14.3).
 const RESETS: usize = 0x4000_C000;
 const RESET: Register = Register::at(RESETS, 0x0);
 const RESET_DONE: Register = Register::at(RESETS, 0x8);
-const RESET_PLL: u32 = 1 << 12;
+const RESET_PLL_SYS: u32 = 1 << 12;
+const RESET_PLL_USB: u32 = 1 << 13;
+/// Resets of USBCTRL, and of SYSINFO, which knows the revision of the chip.
+const RESET_USB: u32 = 1 << 24 | 1 << 19;
 /// Resets of IO_BANK0, PADS_BANK0, TIMER and UART0.
 const RESET_REST: u32 = 1 << 5 | 1 << 8 | 1 << 21 | 1 << 22;
 
 /// Runs the processor at 125 MHz from the crystal, starts the microsecond tick, and resets the peripherals.
 pub(crate) fn start() {
     const STABLE: u32 = 1 << 31;
-    const LOCKED: u32 = 1 << 31;
     const FROM_CRYSTAL: u32 = 2;
     const FROM_PLL: u32 = 1;
-    const ENABLED: u32 = 1 << 11;
 
     // Range 1 to 15 MHz, enabled. The crystal is stable after 5 ms; the unit of the register is 256 cycles.
     XOSC_STARTUP.write(CRYSTAL_MHZ * 5_000 / 256);
@@ -58,19 +60,35 @@ pub(crate) fn start() {
     watchdog::tick();
 
     // 12 MHz × 125 = 1,500 MHz, / 6 / 2 = 125 MHz (2.18.3).
-    reset(RESET_PLL);
-    PLL_CS.write(1);
-    PLL_FBDIV.write(125);
-    PLL_PWR.clear(1 << 0 | 1 << 5);
-    while PLL_CS.read() & LOCKED == 0 {}
-    PLL_PRIM.write(6 << 16 | 2 << 12);
-    PLL_PWR.clear(1 << 3);
+    reset(RESET_PLL_SYS);
+    start_pll(PLL_SYS, 125, [6, 2]);
 
     SYS_CTRL.write(0);
     SYS_CTRL.set(FROM_PLL);
     while SYS_SELECTED.read() != 1 << FROM_PLL {}
     PERI_CTRL.write(ENABLED);
     reset(RESET_REST);
+}
+
+/// Starts the clock of USB, and resets the USB controller.
+pub(crate) fn start_usb() {
+    // 12 MHz × 100 = 1,200 MHz, / 5 / 5 = 48 MHz (2.18.3).
+    reset(RESET_PLL_USB);
+    start_pll(PLL_USB, 100, [5, 5]);
+    USB_CTRL.write(ENABLED);
+    reset(RESET_USB);
+}
+
+/// Starts a PLL that multiplies the frequency of the crystal, and divides it twice.
+fn start_pll(pll: usize, times: u32, [first, second]: [u32; 2]) {
+    const LOCKED: u32 = 1 << 31;
+    let [cs, power, fbdiv, prim] = [0x0, 0x4, 0x8, 0xC].map(|offset| Register::at(pll, offset));
+    cs.write(1);
+    fbdiv.write(times);
+    power.clear(1 << 0 | 1 << 5);
+    while cs.read() & LOCKED == 0 {}
+    prim.write(first << 16 | second << 12);
+    power.clear(1 << 3);
 }
 
 fn reset(peripherals: u32) {

@@ -1,4 +1,5 @@
-//! The end of the flash, for saved registers, accessed by functions of the boot ROM (2.8.3.1.3).
+//! The flash: images at its beginning, and at its end the chosen kind and saved registers, which functions of the boot ROM
+//! (2.8.3.1.3) write.
 //!
 //! The functions, and with them the loop, wait while the flash erases or programs. Interrupts continue,
 //! because everything that they need is in RAM. Their events must fit into the queue meanwhile.
@@ -6,11 +7,12 @@
 use core::arch::global_asm;
 use core::mem::transmute_copy;
 use core::ops::Range;
-use core::ptr;
+use core::{ptr, slice};
 
-use drivetwin_board::Sectors;
+use drivetwin_board::{Directory, Sectors};
 use embedded_storage_async::nor_flash::NorFlashErrorKind;
 
+use crate::registers::Register;
 use crate::watchdog;
 
 const SECTOR: usize = 4096;
@@ -32,6 +34,11 @@ const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
 /// Number of sectors of [`LARGE`]. [`SMALL`] has fewer.
 pub(crate) const MOST_SECTORS: usize = 8;
 
+/// The sectors before those of [`LARGE`], for the chosen kind.
+const CHOICE: Range<u32> = sectors(2, LARGE.start);
+/// Offsets of the two sectors of [`CHOICE`].
+pub(crate) const CHOICES: [u32; 2] = [CHOICE.start, CHOICE.start + SECTOR as u32];
+
 /// Sectors for a memory of `bytes` bytes.
 pub(crate) const fn place(bytes: usize) -> Range<u32> {
     if bytes <= MOST_SMALL { SMALL } else { LARGE }
@@ -42,8 +49,60 @@ const fn sectors(count: usize, end: u32) -> Range<u32> {
     end - (count * SECTOR) as u32..end
 }
 
-// Symbol for `pico.x`, where the image must end.
-global_asm!(".global __saved", ".set __saved, {}", const WINDOW + LARGE.start as usize);
+/// Offset of the directory of images, one sector behind the beginning of the selector (BOARD-13).
+const DIRECTORY: usize = SECTOR;
+
+// Symbols for the linker scripts and `cargo xtask uf2`: where images must end, and where the directory lies.
+global_asm!(
+    ".global __kept, __directory
+     .set __kept, {}
+     .set __directory, {}",
+    const WINDOW + CHOICE.start as usize,
+    const WINDOW + DIRECTORY,
+);
+
+/// The part of the flash with images, in words. No image writes there.
+pub(crate) fn words() -> &'static [u32] {
+    // SAFETY: the window of the flash is always mapped and aligned, and this part of it never changes.
+    unsafe { slice::from_raw_parts(ptr::without_provenance(WINDOW), CHOICE.start as usize / 4) }
+}
+
+/// The directory of images; `None` if this image was flashed alone.
+pub(crate) fn directory() -> Option<Directory<'static>> {
+    let at: *const u8 = ptr::without_provenance(WINDOW + DIRECTORY);
+    // SAFETY: as for `words`.
+    Directory::read(unsafe { slice::from_raw_parts(at, Directory::BYTES) })
+}
+
+/// Registers of the interface to the chip (4.10.13), and of its select pin (2.19.6.2).
+const SSI: usize = 0x1800_0000;
+const SSI_SR: Register = Register::at(SSI, 0x28);
+const SSI_DR0: Register = Register::at(SSI, 0x60);
+const SELECT: Register = Register::at(0x4001_8000, 0x0C);
+
+/// The number that every chip has of its own ("Read Unique ID Number", flash chip, 8.2.31).
+pub(crate) fn unique_id() -> [u8; 8] {
+    const READ_UNIQUE_ID: u8 = 0x4B;
+    /// The command, four bytes more, and the answer.
+    const LENGTH: usize = 1 + 4 + 8;
+    const RECEIVED: u32 = 1 << 3;
+    /// Overrides of the select pin, which `flash_flush_cache` ends.
+    const LOW: u32 = 2 << 8;
+    const HIGH: u32 = 3 << 8;
+
+    let mut bytes = [0; LENGTH];
+    bytes[0] = READ_UNIQUE_ID;
+    Chip::command(|| {
+        SELECT.set(LOW);
+        for byte in &mut bytes {
+            SSI_DR0.write(u32::from(*byte));
+            while SSI_SR.read() & RECEIVED == 0 {}
+            *byte = SSI_DR0.read() as u8;
+        }
+        SELECT.set(HIGH);
+    });
+    bytes.last_chunk().copied().unwrap_or_default()
+}
 
 /// The flash chip.
 #[derive(Clone, Copy)]
@@ -77,7 +136,7 @@ impl Chip {
 ///
 /// # Safety
 /// `F` is a function pointer with the signature that the datasheet declares for this function.
-unsafe fn rom<F>(letters: [u8; 2]) -> F {
+pub(crate) unsafe fn rom<F>(letters: [u8; 2]) -> F {
     /// Half-words of the ROM with addresses: of the list of functions, and of the function that searches it.
     const FUNCTIONS: *const u16 = ptr::without_provenance(0x14);
     const LOOKUP: *const u16 = ptr::without_provenance(0x18);
@@ -93,7 +152,7 @@ unsafe fn rom<F>(letters: [u8; 2]) -> F {
 }
 
 impl Sectors for Chip {
-    const OURS: Range<u32> = LARGE.start..SMALL.end;
+    const OURS: Range<u32> = CHOICE.start..SMALL.end;
     const CAPACITY: usize = CAPACITY;
     const SECTOR: usize = SECTOR;
     const WORD: usize = 1;

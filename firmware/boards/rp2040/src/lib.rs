@@ -12,12 +12,16 @@
 //! | [`wires`] | assignment of the pins |
 //! | `boot` | from the reset to a program in RAM |
 //! | `Pico` | the board, as the loop needs it |
+//! | `chip` | addresses and interrupts |
 //! | `clock` | the system clock |
 //! | `timer` | time, alarms, sleep |
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
-//! | `flash` | the flash for saved registers |
+//! | `flash` | the flash for images, the chosen kind and saved registers |
+//! | `kinds` | the kinds of drive that the board can be |
+//! | `selector` | the start of the chosen kind |
+//! | `usb`, `usb_bus` | the USB cable, and the controller |
 //! | `watchdog` | the watchdog |
 //! | `log` | the log through a debug probe |
 //! | `registers` | registers of the hardware |
@@ -25,34 +29,45 @@
 
 mod boot;
 mod bus;
+mod chip;
 mod clock;
 mod flash;
+mod kinds;
 mod log;
 mod pins;
 mod registers;
+mod selector;
 mod steps;
 mod timer;
+mod usb;
+mod usb_bus;
+#[cfg(feature = "usb-echo")]
+mod usb_echo;
 mod watchdog;
 pub mod wires;
 
+use core::convert::Infallible;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
+use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, Tap, made};
+use drivetwin_control::Refused;
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
-use rp2040_pac::Interrupt;
 
 pub use self::pins::Wire;
+pub use self::selector::select;
 
 use self::bus::Uart0;
+use self::chip::Interrupt;
 use self::flash::{Flash, MOST_SECTORS};
 use self::pins::Pins;
 use self::steps::Steps;
 use self::timer::{TICKS, WAKE};
+use self::usb::Usb;
 
 /// Maximum number of events that wait, of 24 bytes each. It suffices for a request of the longest kind, and
 /// for everything that a line at 57,600 baud receives in the 45 ms in which a sector is erased.
@@ -60,6 +75,12 @@ const ROOM: usize = 256;
 
 /// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
+
+/// What the bus sends, for the cable.
+pub(crate) const TAP: Option<&Tap> = {
+    static TAP: Tap = Tap::new();
+    Some(&TAP)
+};
 
 /// Number of events that were lost because the queue was full; it wraps.
 static LOST: AtomicU32 = AtomicU32::new(0);
@@ -102,7 +123,7 @@ impl Board for Pico {
     type Pin = Output<Pins>;
     type Uart = Uart0;
     type Timer = Steps;
-    type Cable = NoCable;
+    type Cable = Usb;
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
@@ -116,12 +137,17 @@ impl Board for Pico {
     }
 
     fn wire<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output<Pins>); N] {
+        kinds::this_is(spec.kind);
+        if wires.iter().all(|(_, pins)| pins & wires::LIGHT == 0) {
+            pins::drive_low(wires::LIGHT);
+            pins::write(wires::LIGHT, true);
+        }
         pins::start(spec, wires)
     }
 
     /// Enables interrupts. Only critical sections delay a step. All interrupts that timestamp or send have
-    /// the same priority, so that timestamps ascend. The alarm of the loop has the lowest one, because it
-    /// only ends the sleep.
+    /// the same priority, so that timestamps ascend. The alarm of the loop and USB have the lowest one, because
+    /// they only end the sleep.
     fn unmask() {
         let priorities = [
             (Interrupt::TIMER_IRQ_0, 0x00),
@@ -129,6 +155,7 @@ impl Board for Pico {
             (Interrupt::IO_IRQ_BANK0, 0x40),
             (Interrupt::TIMER_IRQ_2, 0x40),
             (Interrupt::TIMER_IRQ_1, 0xC0),
+            (Interrupt::USBCTRL_IRQ, 0xC0),
         ];
         let Some(mut core) = Peripherals::take() else { return };
         for (interrupt, priority) in priorities {
@@ -167,17 +194,26 @@ impl Board for Pico {
         watchdog::feed();
     }
 
-    fn cable() -> NoCable {
-        NoCable
+    fn cable() -> Usb {
+        Usb::start()
+    }
+
+    fn kind(number: u8) -> Option<&'static str> {
+        kinds::kind(number)
+    }
+
+    fn choose(kind: &str) -> Result<Infallible, Refused> {
+        kinds::choose(kind)
+    }
+
+    fn start_boot_loader() -> Result<Infallible, Refused> {
+        kinds::start_boot_loader()
     }
 
     #[inline(never)]
     fn sleep_until(deadline: Instant) {
-        drivetwin_board::sleep_until::<Self>(deadline, |at| {
-            if WAKE.set(at.ticks() / TICKS + 1) {
-                asm::wfi();
-            }
-        });
+        let set = |at: Instant| WAKE.set(at.ticks() / TICKS + 1);
+        drivetwin_board::sleep_until::<Self>(deadline, set, asm::wfe);
     }
 }
 

@@ -5,9 +5,10 @@ use core::cell::Cell;
 use critical_section::Mutex;
 use drivetwin_board::{End, Gpio, Output};
 use drivetwin_firmware::device::{Instant, Spec};
-use rp2040_pac::interrupt;
 
-use crate::registers::Register;
+use crate::chip::{
+    DRIVEN_CLEAR, DRIVEN_SET, ENABLED, FUNCTION, IN, OUT_CLEAR, OUT_SET, PAD, RAISED, STATUS, interrupt,
+};
 use crate::{QUEUE, timer};
 
 /// Number of pins of the chip.
@@ -22,25 +23,9 @@ pub(crate) const fn gp(n: u32) -> u32 {
     1 << n
 }
 
-/// Registers of the single-cycle IO (2.3.1.7).
-const SIO: usize = 0xD000_0000;
-const IN: Register = Register::at(SIO, 0x04);
-const OUT_SET: Register = Register::at(SIO, 0x14);
-const OUT_CLEAR: Register = Register::at(SIO, 0x18);
-const DRIVEN_SET: Register = Register::at(SIO, 0x24);
-const DRIVEN_CLEAR: Register = Register::at(SIO, 0x28);
-
-/// Registers of the functions of the pins, and of their interrupts (2.19.6.1).
-const IO: usize = 0x4001_4000;
-/// Registers of the interrupts. Each register has eight pins, with four bits per pin.
-const RAISED: usize = IO + 0xF0;
-const ENABLED: usize = IO + 0x100;
-const STATUS: usize = IO + 0x120;
+/// Events of a pin. Each register of interrupts has eight pins, with four bits per pin.
 const FELL: u32 = 0b0100;
 const ROSE: u32 = 0b1000;
-
-/// Registers of the pull resistors (2.19.6.3).
-const PADS: usize = 0x4001_C000;
 
 /// Functions of a pin (2.19.2).
 const FUNCTION_UART: u32 = 2;
@@ -122,8 +107,8 @@ fn use_as(gpio: u32, function: u32, pulled_up: bool) {
     const PULL_UP: u32 = 1 << 3;
     const PULL_DOWN: u32 = 1 << 2;
     let pull = if pulled_up { PULL_UP } else { PULL_DOWN };
-    Register::at(PADS, 4 + 4 * gpio as usize).write(INPUT | SCHMITT | pull);
-    Register::at(IO, 4 + 8 * gpio as usize).write(function);
+    PAD.plus(4 * gpio as usize).write(INPUT | SCHMITT | pull);
+    FUNCTION.plus(8 * gpio as usize).write(function);
 }
 
 /// Waits until the pull resistors have charged the wires.
@@ -142,13 +127,13 @@ impl Pins {
     fn listen(&self, at: Instant, on: bool) {
         each(self.0, |gpio| {
             let (bank, shift) = (gpio as usize / 8 * 4, gpio % 8 * 4);
-            let enabled = Register::at(ENABLED, bank);
+            let enabled = ENABLED.plus(bank);
             critical_section::with(|cs| {
                 if ENDS.get(gpio as usize).is_none_or(|end| end.borrow(cs).get().is_none()) {
                     return;
                 }
                 if on {
-                    Register::at(RAISED, bank).write((FELL | ROSE) << shift);
+                    RAISED.plus(bank).write((FELL | ROSE) << shift);
                     enabled.set((FELL | ROSE) << shift);
                     tell(at, gpio, 0);
                 } else {
@@ -179,11 +164,11 @@ impl Gpio for Pins {
 fn IO_IRQ_BANK0() {
     let at = timer::now();
     for bank in 0..GPIOS.div_ceil(8) {
-        let flags = Register::at(STATUS, 4 * bank as usize).read();
+        let flags = STATUS.plus(4 * bank as usize).read();
         if flags == 0 {
             continue;
         }
-        Register::at(RAISED, 4 * bank as usize).write(flags);
+        RAISED.plus(4 * bank as usize).write(flags);
         for place in (0..8).filter(|place| flags >> (4 * place) & (FELL | ROSE) != 0) {
             tell(at, 8 * bank + place, flags >> (4 * place));
         }
@@ -233,5 +218,5 @@ pub(crate) fn tell_missed() {
 
 /// Returns whether the edges of a pin are enabled.
 fn is_heard(gpio: u32) -> bool {
-    Register::at(ENABLED, gpio as usize / 8 * 4).read() >> (gpio % 8 * 4) & (FELL | ROSE) != 0
+    ENABLED.plus(gpio as usize / 8 * 4).read() >> (gpio % 8 * 4) & (FELL | ROSE) != 0
 }

@@ -10,7 +10,7 @@ pub(crate) enum Rp2040 {}
 pub(crate) type Register = drivetwin_board::Register<Rp2040>;
 
 // SAFETY: only this crate makes registers of this chip, and only of peripherals, at the addresses of the
-// datasheet.
+// datasheet. The memory of the USB controller is among them: no variable lies there.
 unsafe impl Chip for Rp2040 {
     /// Sets bits by one atomic write (2.1.2). Not possible for registers of the SIO.
     fn set(register: Register, bits: u32) {

@@ -3,8 +3,8 @@
 use drivetwin_board::{Axis, StepPins, StepPort, Timer};
 use drivetwin_firmware::device::Instant;
 use drivetwin_firmware::motion::{Counted, HIGH};
-use rp2040_pac::interrupt;
 
+use crate::chip::interrupt;
 use crate::pins;
 use crate::timer::{self, Alarm, TICKS};
 use crate::wires::{DIR, STEP};

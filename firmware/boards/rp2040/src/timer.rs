@@ -6,21 +6,11 @@ use core::cell::Cell;
 
 use critical_section::Mutex;
 use drivetwin_firmware::device::Instant;
-use rp2040_pac::interrupt;
 
-use crate::registers::Register;
+use crate::chip::{ALARM, ARMED, INTE, INTR, RAW_HIGH, RAW_LOW, interrupt};
 
 /// Ticks of drivetwin's time in a microsecond.
 pub(crate) const TICKS: u64 = 16;
-
-/// Registers of TIMER (4.6.5).
-const TIMER: usize = 0x4005_4000;
-const ALARM: usize = TIMER + 0x10;
-const ARMED: Register = Register::at(TIMER, 0x20);
-const RAW_HIGH: Register = Register::at(TIMER, 0x24);
-const RAW_LOW: Register = Register::at(TIMER, 0x28);
-const INTR: Register = Register::at(TIMER, 0x34);
-const INTE: Register = Register::at(TIMER, 0x38);
 
 /// Enables the interrupts of alarms.
 pub(crate) fn start() {
@@ -87,7 +77,7 @@ impl Alarm {
         }
         // TIMER compares only the lower half of the time, whenever its count changes. So the alarm fires if
         // `micros` is in the future, and additionally fires early if `micros` is far in the future.
-        Register::at(ALARM, 4 * self.number).write(micros as u32);
+        ALARM.plus(4 * self.number).write(micros as u32);
         let comes = self::micros() < micros;
         if !comes {
             ARMED.write(1 << self.number);

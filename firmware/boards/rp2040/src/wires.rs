@@ -14,6 +14,8 @@ pub(crate) const STEP: u32 = gp(3);
 pub(crate) const DIR: u32 = gp(4);
 /// Connected to ground while the board starts, this pin skips the start-up delay.
 pub(crate) const FAST: u32 = gp(22);
+/// The Pico's own light, lit while high. It shows a light of the drive; of a drive without one, that the board runs.
+pub(crate) const LIGHT: u32 = gp(25);
 
 /// Wires of an MD3, by the names of its manual.
 pub const MD3: [Wire; 13] = apart(
@@ -30,7 +32,7 @@ pub const MD3: [Wire; 13] = apart(
         ("J3.8", gp(13)),
         ("D5", gp(14)),
         // The green light, shown by the Pico's own light, too.
-        ("D6", gp(15) | gp(25)),
+        ("D6", gp(15) | LIGHT),
         ("over_temperature", gp(16)),
         ("over_current", gp(17)),
     ],
@@ -64,7 +66,7 @@ pub const RS434: [Wire; 17] = apart(
         ("HB", gp(10)),
         ("RED", gp(14)),
         // Shown by the Pico's own light, too.
-        ("GREEN", gp(15) | gp(25)),
+        ("GREEN", gp(15) | LIGHT),
         ("supply_voltage", gp(11)),
         ("short_circuit", gp(12)),
         ("brake_overheat", gp(13)),
@@ -93,7 +95,7 @@ pub const MDROBOT: [Wire; 20] = apart(
         ("ALARM", gp(14)),
         ("CLUTCH", gp(15)),
         // Shown by the Pico's own light, too.
-        ("FAN", gp(16) | gp(25)),
+        ("FAN", gp(16) | LIGHT),
         ("HU", gp(17)),
         ("HV", gp(18)),
         ("HW", gp(19)),

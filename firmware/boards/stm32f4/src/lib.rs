@@ -167,11 +167,8 @@ impl Board for BlackPill {
 
     #[inline(never)]
     fn sleep_until(deadline: Instant) {
-        drivetwin_board::sleep_until::<Self>(deadline, |at| {
-            if WAKE.set(at + Duration::from_ticks(1)) {
-                asm::wfi();
-            }
-        });
+        let set = |at| WAKE.set(at + Duration::from_ticks(1));
+        drivetwin_board::sleep_until::<Self>(deadline, set, asm::wfe);
     }
 }
 

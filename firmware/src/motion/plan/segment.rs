@@ -2,6 +2,8 @@
 
 use core::num::NonZero;
 
+use drivetwin_protocol::time::TICKS_PER_SECOND;
+
 use super::super::search::first_true;
 use super::STEP;
 
@@ -24,6 +26,16 @@ pub struct Segment {
 }
 
 impl Segment {
+    /// Returns true if a plan may have the segment: at its begin and its end its speed is at most twice the greatest one of
+    /// a plan, and its phase is that of one step. Rounded to a tick, the speed at the end may be below 0.
+    pub(super) fn is_possible(&self) -> bool {
+        const MOST: i128 = 2 * TICKS_PER_SECOND as i128 * super::MAX_SPEED as i128;
+        let begin = i128::from(self.start_speed);
+        let end = begin + i128::from(self.acceleration) * i128::from(self.ticks);
+        [begin, end].iter().all(|speed| (-MOST..=MOST).contains(speed))
+            && (0..STEP).contains(&self.phase_offset)
+    }
+
     /// Speed `d` ticks after the start, in the unit of `start_speed`.
     pub(crate) fn speed(&self, d: u64) -> i64 {
         self.start_speed + i64::from(self.acceleration) * d.cast_signed()

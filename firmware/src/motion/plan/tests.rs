@@ -184,6 +184,23 @@ fn nearest_root(n: u128, a: u128) -> u64 {
     low as u64
 }
 
+#[test]
+fn a_plan_cannot_have_just_any_segments() {
+    let possible = Segment { ticks: 16_000_000, acceleration: 10_000, ..Segment::default() };
+    assert!(Plan::of_segments(at(7), &[possible]).is_some());
+    for wrong in [
+        Segment { ticks: u64::MAX, ..possible },
+        Segment { start_speed: i64::MAX, ..possible },
+        Segment { start_speed: i64::MIN, ..possible },
+        Segment { phase_offset: STEP, ..possible },
+        Segment { phase_offset: -1, ..possible },
+    ] {
+        assert_eq!(Plan::of_segments(at(7), &[wrong]), None, "{wrong:?}");
+    }
+    assert_eq!(Plan::of_segments(at(7), &[]), None);
+    assert_eq!(Plan::of_segments(at(7), &[possible; 4]), None);
+}
+
 proptest! {
     #[test]
     fn every_step_of_a_ramp_is_at_the_nearest_tick(a in 16_u32..2_000_000, n in 1_u32..5_000) {
@@ -204,6 +221,9 @@ proptest! {
         let plan = Plan::profile(at(0), 0, steps, rates);
         let mirror = Plan::profile(at(0), 0, steps, Limits { acceleration: down, deceleration: up, ..rates });
         let end = plan.end().ticks();
+        prop_assert_eq!(Plan::of_segments(plan.start(), plan.segments()), Some(plan));
+        let turned = plan.ramp_to(at(samples[0] % (end + 1)), I24F8::from_num(-4_000), up);
+        prop_assert_eq!(Plan::of_segments(turned.start(), turned.segments()), Some(turned));
         prop_assert_eq!(plan.position_at(plan.end()), steps);
         let mut instants: Vec<u64> = samples.iter().map(|n| n % (end + 1)).collect();
         // Transitions between segments, where rounding could show.

@@ -79,7 +79,15 @@ impl Trace {
     #[must_use]
     pub fn outline(&self) -> Self {
         let (seed, drives, compare) = (self.seed, self.drives.clone(), self.compare.clone());
-        Self { drives, compare, lost: self.mark(), end: self.end, ..Self::new(seed, Retention::All) }
+        let generation = self.generation;
+        Self {
+            drives,
+            compare,
+            generation,
+            lost: self.mark(),
+            end: self.end,
+            ..Self::new(seed, Retention::All)
+        }
     }
 
     /// Copies at most `most` more events from `original`, of which this must be an [outline](Self::outline):
@@ -103,7 +111,14 @@ impl Trace {
 impl Entry {
     /// Returns true if the stamp of the event may be later than its recording.
     fn is_ahead(&self) -> bool {
-        matches!(&self.event, Event::Output(output) if matches!(output.group(), Group::Tx | Group::Line))
+        self.event.is_ahead()
+    }
+}
+
+impl Event {
+    /// Returns true if the stamp of the event may be later than its recording.
+    pub(crate) fn is_ahead(&self) -> bool {
+        matches!(self, Self::Output(output) if matches!(output.group(), Group::Tx | Group::Line))
     }
 }
 

@@ -145,6 +145,8 @@ pub struct Trace {
     pub ended: bool,
     /// Number of events that are marked as written.
     written: u64,
+    /// Number of benches before this one, whose events the numbers of these events follow.
+    pub(crate) generation: u32,
     events: VecDeque<Entry>,
     retention: Retention,
     /// Memory that `events` uses, in bytes.
@@ -204,6 +206,11 @@ pub enum Event {
     /// Outcome of a message, for waveforms, recorded when it is known and again when it changes. Only a bench with
     /// [`Settings::outcomes`](crate::bench::Settings::outcomes) records it, and a text does not contain it.
     Received(Box<journal::Entry>),
+    /// Events before this one are missing, because a board could not send them. In a text it is a comment.
+    Missing {
+        /// Their number; `None` if it is unknown.
+        events: Option<u64>,
+    },
 }
 
 /// An input of a drive: an [`Input`] that owns its bytes, a change of power, or a preset.
@@ -470,7 +477,7 @@ impl Entry {
                 allocated(size_of::<Course>()) + allocated(course.legs.len() * size_of::<Leg>())
             }
             Event::Received(_) => allocated(size_of::<journal::Entry>()),
-            Event::Input(_) | Event::Output(_) | Event::Shaft { .. } => 0,
+            Event::Input(_) | Event::Output(_) | Event::Shaft { .. } | Event::Missing { .. } => 0,
         };
         size_of::<Self>() + owned
     }
@@ -487,6 +494,7 @@ impl Trace {
             end: Instant::ZERO,
             ended: true,
             written: 0,
+            generation: 0,
             events: VecDeque::new(),
             retention,
             bytes: 0,
@@ -536,6 +544,13 @@ impl Trace {
         }
     }
 
+    /// Records what a drive that is elsewhere reports.
+    pub(crate) fn record_reported(&mut self, at: Instant, drive: u32, event: Event) {
+        if self.retention != Retention::Off {
+            self.record(at, drive, event);
+        }
+    }
+
     /// Returns true if no event is missing.
     #[must_use]
     pub fn is_whole(&self) -> bool {
@@ -569,6 +584,12 @@ impl Trace {
     #[must_use]
     pub fn mark(&self) -> u64 {
         self.lost + self.events.len() as u64
+    }
+
+    /// Number of benches before this one, after which the numbers of events go on. The drives are others in each.
+    #[must_use]
+    pub fn generation(&self) -> u32 {
+        self.generation
     }
 
     /// Marks all events as written.

@@ -47,7 +47,7 @@ impl<W: Write> Recording<W> {
         }
         for entry in trace.since(self.taken) {
             match entry.event {
-                Event::Input(_) => {
+                Event::Input(_) | Event::Missing { .. } => {
                     self.put_until(entry.at)?;
                     self.put(&trace.entry_text(entry))?;
                 }

@@ -155,10 +155,13 @@ impl Trace {
     /// An event as a line of the text.
     pub(crate) fn entry_text(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
+        if let Event::Missing { .. } = entry.event {
+            return format!("# {}: {}", stamp(entry.at), self.words(entry));
+        }
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
         let sign = match entry.event {
             Event::Input(_) => '>',
-            Event::Output(_) | Event::Shaft { .. } | Event::Received(_) => '<',
+            _ => '<',
         };
         format!("{}{name} {sign} {}", stamp(entry.at), self.words(entry))
     }
@@ -171,6 +174,9 @@ impl Trace {
             Event::Input(input) => fed_text(drive.spec, input),
             Event::Output(output) => did_text(drive.spec, entry.at, output),
             Event::Shaft { .. } | Event::Received(_) => String::new(),
+            Event::Missing { events: None } => "events may be missing here".to_owned(),
+            Event::Missing { events: Some(1) } => "an event is missing here".to_owned(),
+            Event::Missing { events: Some(events) } => format!("{events} events are missing here"),
         }
     }
 }

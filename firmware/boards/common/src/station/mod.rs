@@ -43,7 +43,7 @@ use self::control::Control;
 use self::events::Events;
 use self::inputs::StationInputs;
 use self::outputs::StationOutputs;
-use crate::board::{Board, hands};
+use crate::board::{Board, wire_outputs};
 use crate::bus::Uart;
 use crate::cable::{Cable, CablePort};
 
@@ -92,7 +92,8 @@ where
         ring: &'a mut [u8; TRACE],
     ) -> Self {
         let spec = drive.spec();
-        let outputs = StationOutputs::new(spec, hands::<B, _, _, WIRES>(spec, wires, memory, links), ring);
+        let outputs =
+            StationOutputs::new(spec, wire_outputs::<B, _, _, WIRES>(spec, wires, memory, links), ring);
         let shell = Shell::new(drive, StationInputs::new(spec), outputs);
         let drive = OnStation { shell, boot, is_on: false };
         Self { drive, cable: B::cable(), control: Control::new(), waited: 0 }

@@ -12,7 +12,7 @@ use embedded_storage::{ReadStorage, Storage};
 use super::motion::{Commanded, of_shaft};
 use super::trace::{PART, Trace};
 use super::{convert, counts};
-use crate::board::{Board, Hands};
+use crate::board::{Board, OutputsOf};
 use crate::board_outputs::Bus;
 use crate::bus::{Sender, Uart};
 
@@ -93,7 +93,7 @@ fn bit(pin: Pin) -> u32 {
 
 /// Outputs of a drive on a board with a cable.
 pub(crate) struct StationOutputs<'a, B: Board, M, L, const WIRES: usize> {
-    hands: Hands<B, M, L, WIRES>,
+    outputs: OutputsOf<B, M, L, WIRES>,
     spec: &'static Spec,
     is_on: bool,
     /// Settings of the line, and those that it gets when all characters have left.
@@ -111,9 +111,9 @@ where
     M: Storage + AsRef<[u8]>,
     L: Links,
 {
-    pub(crate) fn new(spec: &'static Spec, hands: Hands<B, M, L, WIRES>, ring: &'a mut [u8]) -> Self {
+    pub(crate) fn new(spec: &'static Spec, outputs: OutputsOf<B, M, L, WIRES>, ring: &'a mut [u8]) -> Self {
         Self {
-            hands,
+            outputs,
             spec,
             is_on: false,
             line: factory_line(spec),
@@ -137,7 +137,7 @@ where
     /// Ends all outputs of a drive that loses its power at `at`. Its shaft stands at `position`.
     pub(crate) fn power_off(&mut self, at: Instant, position: i32) {
         self.is_on = false;
-        self.hands.power_off();
+        self.outputs.power_off();
         B::Uart::bus().silence();
         self.commanded = Commanded::at_rest(at, position);
         if self.cut == Cut::No || self.cut == Cut::Armed {
@@ -172,7 +172,7 @@ where
         if !self.is_on {
             return Level::Float;
         }
-        let is_forward = self.hands.axis.with(|stepper, _| stepper.is_forward()).unwrap_or_default();
+        let is_forward = self.outputs.axis.with(|stepper, _| stepper.is_forward()).unwrap_or_default();
         self.driven.level(pin, is_forward)
     }
 
@@ -181,7 +181,7 @@ where
         if self.spec.axes.is_empty() {
             return None;
         }
-        let pulses = self.hands.axis.with(|stepper, _| stepper.pulses()).unwrap_or_default();
+        let pulses = self.outputs.axis.with(|stepper, _| stepper.pulses()).unwrap_or_default();
         Some(match shaft.filter(|_| self.is_on) {
             Some(shaft) => of_shaft(shaft, pulses),
             None => self.commanded.motion(at, pulses),
@@ -214,7 +214,7 @@ where
     fn note_store(&mut self, at: Instant, offset: u16, bytes: &[u8]) {
         let mut done = bytes;
         if self.is_on && self.cut == Cut::Armed {
-            let old = self.hands.stored().get(usize::from(offset)..).unwrap_or_default();
+            let old = self.outputs.stored().get(usize::from(offset)..).unwrap_or_default();
             let same = old.iter().zip(bytes).take_while(|(old, new)| old == new).count();
             let count = (bytes.len() / 2).max(same + 1).min(bytes.len());
             done = bytes.get(..count).unwrap_or(bytes);
@@ -248,27 +248,27 @@ where
     type Links = L;
 
     fn serial(&mut self, port: Port) -> Option<&mut Self::Serial> {
-        self.hands.serial(port)
+        self.outputs.serial(port)
     }
 
     fn links(&mut self) -> Option<&mut L> {
-        self.hands.links()
+        self.outputs.links()
     }
 
     fn set_line(&mut self, _port: Port, line: Line) {
         if !self.has_failed() {
             self.next_line = Some(line);
-            self.hands.bus.set_line(line);
+            self.outputs.bus.set_line(line);
         }
     }
 
     fn pin(&mut self, pin: Pin) -> Option<&mut B::Pin> {
-        if self.has_failed() { None } else { self.hands.pin(pin) }
+        if self.has_failed() { None } else { self.outputs.pin(pin) }
     }
 
     fn release(&mut self, pin: Pin, released: bool) {
         if !self.has_failed() {
-            self.hands.release(pin, released);
+            self.outputs.release(pin, released);
         }
     }
 
@@ -277,20 +277,20 @@ where
     }
 
     fn stored(&self) -> &[u8] {
-        self.hands.stored()
+        self.outputs.stored()
     }
 
     fn plan(&mut self, axis: device::Axis, plan: &Plan) -> Duration {
-        if self.has_failed() { Duration::ZERO } else { self.hands.plan(axis, plan) }
+        if self.has_failed() { Duration::ZERO } else { self.outputs.plan(axis, plan) }
     }
 
     fn wait(&mut self, late: Duration) {
-        self.hands.wait(late);
+        self.outputs.wait(late);
     }
 
     fn step(&mut self, axis: device::Axis, steps: i32) {
         if !self.has_failed() {
-            self.hands.step(axis, steps);
+            self.outputs.step(axis, steps);
         }
     }
 
@@ -330,11 +330,11 @@ where
     type Error = M::Error;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), M::Error> {
-        self.hands.memory.read(offset, bytes)
+        self.outputs.memory.read(offset, bytes)
     }
 
     fn capacity(&self) -> usize {
-        self.hands.memory.capacity()
+        self.outputs.memory.capacity()
     }
 }
 
@@ -344,11 +344,11 @@ where
 {
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), M::Error> {
         match self.cut {
-            Cut::No | Cut::Armed => self.hands.memory.write(offset, bytes),
+            Cut::No | Cut::Armed => self.outputs.memory.write(offset, bytes),
             // Only the store in which the power fails writes. `note_store` has noted it just before.
             Cut::Failed(count) => {
                 self.cut = Cut::Failed(0);
-                self.hands.memory.write(offset, bytes.get(..count).unwrap_or(bytes))
+                self.outputs.memory.write(offset, bytes.get(..count).unwrap_or(bytes))
             }
         }
     }

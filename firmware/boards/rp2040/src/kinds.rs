@@ -1,0 +1,46 @@
+//! The kinds of drive that the board can be, the choice of one, and the boot loader.
+
+use core::cell::Cell;
+use core::convert::Infallible;
+
+use critical_section::Mutex;
+use drivetwin_board::Choice;
+use drivetwin_control::Refused;
+
+use crate::flash::{CHOICES, Chip, directory, rom};
+use crate::watchdog;
+use crate::wires::LIGHT;
+
+/// Kind of this image.
+static OWN: Mutex<Cell<&'static str>> = Mutex::new(Cell::new(""));
+
+/// Stores the kind of this image.
+pub(crate) fn this_is(kind: &'static str) {
+    critical_section::with(|cs| OWN.borrow(cs).set(kind));
+}
+
+/// As [`Board::kind`](drivetwin_board::Board::kind). An image that was flashed alone has only its own kind.
+pub(crate) fn kind(number: u8) -> Option<&'static str> {
+    match directory() {
+        Some(directory) => Some(directory.image(number.into())?.kind),
+        None => (number == 0).then(|| critical_section::with(|cs| OWN.borrow(cs).get())),
+    }
+}
+
+/// As [`Board::choose`](drivetwin_board::Board::choose).
+pub(crate) fn choose(kind: &str) -> Result<Infallible, Refused> {
+    if !(0..=u8::MAX).map_while(self::kind).any(|known| known == kind) {
+        return Err(Refused::Unknown);
+    }
+    Choice::store::<Chip>(CHOICES, kind)?;
+    watchdog::reset()
+}
+
+/// Starts the boot loader of the ROM (2.8.3.1.5), which takes a UF2. While it receives one, it lights the Pico's own light.
+pub(crate) fn start_boot_loader() -> ! {
+    // SAFETY: "reset_to_usb_boot" takes the pin of a light, and interfaces to leave out.
+    let reset_to_usb_boot: extern "C" fn(u32, u32) = unsafe { rom(*b"UB") };
+    reset_to_usb_boot(LIGHT, 0);
+    // Does not return, or a version of the ROM does not have this function: the board starts again.
+    watchdog::reset()
+}

@@ -1,0 +1,5 @@
+//! An MD3 of 1.8 A on the Pico 2.
+#![no_std]
+#![no_main]
+
+drivetwin_board::image!(drivetwin_rp2350, md3::Md3::low, TX_ONE_REPLY, MD3);

@@ -1,0 +1,5 @@
+//! An MD400 of MDROBOT on the Pico 2.
+#![no_std]
+#![no_main]
+
+drivetwin_board::image!(drivetwin_rp2350, mdrobot::mdrobot, TX_ONE_REPLY, MDROBOT);

@@ -1,0 +1,5 @@
+//! A QSB-M, with the motor drive, on the Pico 2.
+#![no_std]
+#![no_main]
+
+drivetwin_board::image!(drivetwin_rp2350, qsb::Qsb::m, TX_REPLIES, QSB);

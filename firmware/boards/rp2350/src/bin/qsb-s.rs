@@ -1,0 +1,5 @@
+//! A QSB-S, for a single-ended encoder, on the Pico 2.
+#![no_std]
+#![no_main]
+
+drivetwin_board::image!(drivetwin_rp2350, qsb::Qsb::s, TX_REPLIES, QSB);

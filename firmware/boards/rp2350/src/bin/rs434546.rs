@@ -1,0 +1,5 @@
+//! An RS 434546 of 40 A on the Pico 2.
+#![no_std]
+#![no_main]
+
+drivetwin_board::image!(drivetwin_rp2350, rs434::rs434546, TX_ONE_REPLY, RS434);

@@ -1,0 +1,545 @@
+//! The thread that has the control port of a board.
+//!
+//! It makes one call after the other, hears events between the answers, and asks for the state of a board from which
+//! nothing has come for a while. A board that is unplugged, does not answer or starts again is connected again when it is
+//! there: a new session, whose number differs. What a caller knows of the drive, for instance the number of a register, is
+//! valid within one session.
+
+use std::collections::VecDeque;
+use std::io;
+use std::mem;
+use std::os::fd::OwnedFd;
+use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant as WallInstant};
+
+use drivetwin_control::{Call, Events, Message, State, VERSION, fingerprint};
+use drivetwin_firmware::device::{Duration as Span, Instant, Line, Spec};
+use drivetwin_sim::catalog;
+use drivetwin_sim::record::trace::Event;
+use rustix::event::{EventfdFlags, PollFd, PollFlags};
+use tracing::{info, warn};
+
+use super::answer::{AnswerTo, Answered, Failure, Hello, reply};
+use super::link::{self, Link, frame};
+use super::place::Target;
+use super::report;
+use crate::clock::wall;
+
+/// Longest wait for an answer. The save of a board takes some hundredths of a second.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// Number of attempts to get a first answer, and the wait for each: the first request may follow garbage.
+const ATTEMPTS: u32 = 3;
+const GREETED: Duration = Duration::from_millis(500);
+
+/// Time without a message, and without a state, after which the state of the board is asked for.
+const QUIET: Duration = Duration::from_millis(250);
+const STATED: Duration = Duration::from_secs(1);
+
+/// Greatest time that an event may be ahead of the time that has passed.
+const AHEAD: Span = Span::secs(1);
+
+/// Time between two attempts to connect a board again.
+const RETRY: Duration = Duration::from_millis(250);
+
+/// What a board sends and becomes, in order.
+pub(crate) enum Report {
+    /// A session has begun, with the drive in this state.
+    Begun(Session, State),
+    /// Events with their times.
+    Events(Vec<(Instant, Event)>),
+    /// The board was at this time.
+    At(Instant),
+    /// The board is gone; a session may follow.
+    Gone,
+}
+
+/// Function that takes reports.
+pub(crate) type Sink = Box<dyn FnMut(Report) + Send>;
+
+/// A board that is connected.
+#[derive(Clone, Debug)]
+pub(crate) struct Session {
+    /// Number of the session.
+    pub(super) number: u64,
+    /// Description of the kind of drive that the board is.
+    pub(crate) spec: &'static Spec,
+    /// Version of the board's image.
+    pub(crate) image: String,
+    /// True if the drive starts without its start-up delay.
+    pub(crate) fast_boot: bool,
+    /// Settings of the bus when the session began.
+    pub(crate) line: Option<Line>,
+    /// Ticks that the time of the board is behind: it begins with 0 whenever the board starts.
+    base: u64,
+    /// Time at which the session began.
+    pub(crate) began: Instant,
+}
+
+impl Session {
+    /// Time of `ticks` since the board started.
+    pub(super) fn time(&self, ticks: u64) -> Instant {
+        Instant::from_ticks(self.base.saturating_add(ticks))
+    }
+}
+
+/// What the callers share with the thread.
+pub(super) struct Shared {
+    status: Mutex<Status>,
+    changed: Condvar,
+    jobs: Mutex<Sender<Job>>,
+    waker: OwnedFd,
+    next_number: AtomicU16,
+    ends: AtomicBool,
+}
+
+/// The session, or the reason why there is none, in one sentence.
+type Status = Result<Session, String>;
+
+/// Work for the thread.
+enum Job {
+    /// A call of a session.
+    Call { session: u64, number: u16, frame: Vec<u8>, answer: AnswerTo },
+    /// Connects the board again.
+    Reconnect,
+}
+
+impl Shared {
+    fn status(&self) -> MutexGuard<'_, Status> {
+        self.status.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn set(&self, status: Status) {
+        *self.status() = status;
+        self.changed.notify_all();
+    }
+
+    /// The present session.
+    ///
+    /// # Errors
+    /// One sentence: the board is gone.
+    pub(super) fn session(&self) -> Result<Session, String> {
+        self.status().clone()
+    }
+
+    /// Waits for a session after the one with number `last`.
+    ///
+    /// # Errors
+    /// One sentence: there is none in time.
+    pub(super) fn session_after(&self, last: u64, span: Duration) -> Result<Session, String> {
+        let waits = |status: &mut Status| !matches!(status, Ok(session) if session.number > last);
+        let waited = self.changed.wait_timeout_while(self.status(), span, waits);
+        waited.unwrap_or_else(PoisonError::into_inner).0.clone()
+    }
+
+    fn submit(&self, job: Job) {
+        // Without a thread there is nobody to work, and the caller sees that its answer never comes.
+        let _ = self.jobs.lock().unwrap_or_else(PoisonError::into_inner).send(job);
+        let _ = rustix::io::write(&self.waker, &1_u64.to_ne_bytes());
+    }
+
+    /// Makes a call in a session.
+    ///
+    /// # Errors
+    /// The board refuses it, or the session is over.
+    pub(super) fn ask(&self, session: u64, call: Call<'_>) -> Result<Answered, Failure> {
+        let number = FIRST + self.next_number.fetch_add(1, Ordering::Relaxed) % (u16::MAX - FIRST);
+        let (answer, answered) = mpsc::sync_channel(1);
+        self.submit(Job::Call { session, number, frame: frame(number, call)?, answer });
+        answered.recv().unwrap_or_else(|_| Err(Failure::Away("the board is no longer attached".into())))
+    }
+
+    /// Lets the thread connect the board again.
+    pub(super) fn reconnect(&self) {
+        self.submit(Job::Reconnect);
+    }
+}
+
+/// The thread, and what it shares.
+pub(super) struct Client {
+    pub(super) shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        self.shared.ends.store(true, Ordering::Release);
+        let _ = rustix::io::write(&self.shared.waker, &1_u64.to_ne_bytes());
+        if let Some(thread) = self.thread.take() {
+            // A thread that has panicked has ended, too.
+            let _ = thread.join();
+        }
+    }
+}
+
+impl Client {
+    /// Connects a board, whose first report goes to `sink` before this function returns.
+    ///
+    /// # Errors
+    /// One sentence: there is no board of this version of drivetwin.
+    pub(super) fn connect(mut target: Target, mut sink: Sink) -> Result<Self, String> {
+        let waker = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
+        let waker = waker.map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
+        let (link, session, state) = open(&mut target, 1, (0, Instant::ZERO))?;
+        let (jobs, from) = mpsc::channel();
+        let shared = Arc::new(Shared {
+            status: Mutex::new(Ok(session.clone())),
+            changed: Condvar::new(),
+            jobs: Mutex::new(jobs),
+            waker,
+            next_number: AtomicU16::new(0),
+            ends: AtomicBool::new(false),
+        });
+        let mut connected = Connected::new(link, session.clone(), state.at);
+        sink(Report::Begun(session, state));
+        let worker = Worker { shared: Arc::clone(&shared), target, from, sink, session: 1 };
+        let thread = std::thread::Builder::new().name("board".into());
+        let thread = thread.spawn(move || {
+            let mut worker = worker;
+            while let Some(end) = worker.serve(connected)
+                && let Some(next) = worker.connect_again(end)
+            {
+                connected = next;
+            }
+        });
+        let thread = thread.map_err(|error| format!("a thread cannot be started: {error}"))?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+}
+
+/// The state of the thread, beside its connection.
+struct Worker {
+    shared: Arc<Shared>,
+    target: Target,
+    from: Receiver<Job>,
+    sink: Sink,
+    /// Number of the last session.
+    session: u64,
+}
+
+/// A connection within a session.
+struct Connected {
+    link: Link,
+    session: Session,
+    queue: VecDeque<(u16, Vec<u8>, AnswerTo)>,
+    /// The call that waits for its answer: its number, when patience ends, and where the answer goes; `None` for a
+    /// question about the state.
+    pending: Option<(u16, WallInstant, Option<AnswerTo>)>,
+    /// Number of the next event; `None` before the first one.
+    next_event: Option<u32>,
+    /// Time of the last report.
+    last: Instant,
+    /// Time of the last message, and of the last state.
+    heard: WallInstant,
+    stated: WallInstant,
+    /// Time of the board in its last state.
+    at: u64,
+}
+
+/// The base of a session that has ended, and the time of its last report.
+type End = (u64, Instant);
+
+/// Least number of a call; those below are for calls of the thread itself.
+const FIRST: u16 = 16;
+
+/// Number of the questions of the thread.
+const OWN: u16 = 0;
+
+impl Connected {
+    fn new(link: Link, session: Session, at: u64) -> Self {
+        let queue = VecDeque::new();
+        let last = session.began;
+        Self {
+            link,
+            session,
+            queue,
+            pending: None,
+            next_event: None,
+            last,
+            heard: wall(),
+            stated: wall(),
+            at,
+        }
+    }
+
+    /// Takes the next jobs. Returns false if the connection shall end.
+    fn take(&mut self, from: &Receiver<Job>) -> bool {
+        for job in from.try_iter() {
+            match job {
+                Job::Call { session, number, frame, answer } if session == self.session.number => {
+                    self.queue.push_back((number, frame, answer));
+                }
+                Job::Call { answer, .. } => {
+                    let over = "the board has started again meanwhile; repeat the call";
+                    let _ = answer.send(Err(Failure::Away(over.into())));
+                }
+                Job::Reconnect => return false,
+            }
+        }
+        true
+    }
+
+    /// Sends the next call, if none waits for its answer.
+    fn send(&mut self) -> io::Result<()> {
+        if self.pending.is_some() {
+            return Ok(());
+        }
+        let now = wall();
+        if let Some((number, frame, answer)) = self.queue.pop_front() {
+            self.pending = Some((number, now + PATIENCE, Some(answer)));
+            return self.link.write(&frame);
+        }
+        if now >= self.question() {
+            self.pending = Some((OWN, now + PATIENCE, None));
+            let Ok(frame) = frame(OWN, Call::State) else { return Ok(()) };
+            return self.link.write(&frame);
+        }
+        Ok(())
+    }
+
+    /// Time of the next question about the state.
+    fn question(&self) -> WallInstant {
+        (self.heard + QUIET).min(self.stated + STATED)
+    }
+
+    /// Time until something must be done without a message.
+    fn patience(&self) -> Duration {
+        let until = self.pending.as_ref().map_or(self.question(), |(_, until, _)| *until);
+        until.saturating_duration_since(wall())
+    }
+
+    /// Takes messages, and hands reports to `sink`.
+    ///
+    /// # Errors
+    /// The port is gone, or the board has started again.
+    fn hear(&mut self, sink: &mut Sink) -> io::Result<()> {
+        let Self { link, session, pending, next_event, last, heard, stated, at, .. } = self;
+        // The time that has passed since the last message, and more than a clock can be wrong.
+        let passed = u64::try_from(wall().saturating_duration_since(*heard).as_micros()).unwrap_or(u64::MAX);
+        let latest = *last + Span::micros(passed) + AHEAD;
+        let mut events: Vec<(Instant, Event)> = Vec::new();
+        let (mut states, mut restarted) = (Vec::new(), false);
+        link.read(|message| {
+            *heard = wall();
+            if let Message::Events(of) = message {
+                take_events(session, of, latest, next_event, &mut events);
+            }
+            let Some((number, answer)) = reply(&message) else { return };
+            if let Ok(Answered::State(state)) = &answer {
+                restarted |= state.at < *at;
+                (*at, *stated) = (state.at, wall());
+                states.push(session.time(state.at));
+            }
+            // An answer that comes too late belongs to nobody.
+            if let Some((_, _, to)) = pending.take_if(|(expected, ..)| *expected == number)
+                && let Some(to) = to
+            {
+                let _ = to.send(answer);
+            }
+        })?;
+        if restarted {
+            return Err(io::Error::other("it has started again"));
+        }
+        let times = events.iter().map(|(at, _)| *at).chain(states.iter().copied());
+        *last = times.max().map_or(*last, |at| at.max(*last));
+        if !events.is_empty() {
+            sink(Report::Events(events));
+        }
+        states.into_iter().for_each(|at| sink(Report::At(at)));
+        Ok(())
+    }
+
+    /// Ends the session: no call is answered any more.
+    fn end(&mut self, sentence: &str) {
+        let pending = self.pending.take().and_then(|(.., answer)| answer);
+        let queue = mem::take(&mut self.queue).into_iter().map(|(.., answer)| answer);
+        for answer in pending.into_iter().chain(queue) {
+            let _ = answer.send(Err(Failure::Away(sentence.into())));
+        }
+    }
+}
+
+/// Takes events from a message, after [`Event::Missing`] if messages were lost on their way. An event after `latest` has a
+/// wrong time, and is missing.
+fn take_events(
+    session: &Session,
+    of: Events<'_>,
+    latest: Instant,
+    next: &mut Option<u32>,
+    into: &mut Vec<(Instant, Event)>,
+) {
+    if let Some(lost @ 1..) = next.map(|next| report::missing(next, of.number)) {
+        into.push((session.time(of.at).min(latest), Event::Missing { events: Some(lost) }));
+    }
+    let mut number = of.number;
+    for (at, event) in of.decode() {
+        let (at, entry) = (session.time(at), report::entry(session.spec, event));
+        into.push(if at <= latest { (at, entry) } else { (latest, Event::Missing { events: Some(1) }) });
+        number = number.wrapping_add(1);
+    }
+    *next = Some(number);
+}
+
+impl Worker {
+    fn ends(&self) -> bool {
+        self.shared.ends.load(Ordering::Acquire)
+    }
+
+    fn drain_waker(&self) {
+        let _ = rustix::io::read(&self.shared.waker, &mut [0; 8]);
+    }
+
+    /// Serves a connection until it breaks, and closes it. Returns `None` if the client ends.
+    fn serve(&mut self, mut connected: Connected) -> Option<End> {
+        let broken = loop {
+            if let Err(error) = connected.link.wait(&self.shared.waker, connected.patience()) {
+                break error.to_string();
+            }
+            self.drain_waker();
+            if self.ends() {
+                connected.end("the board is no longer attached");
+                return None;
+            }
+            if let Err(error) = connected.hear(&mut self.sink) {
+                break match error.kind() {
+                    io::ErrorKind::UnexpectedEof => "it is gone".into(),
+                    _ => error.to_string(),
+                };
+            }
+            let is_late = |(_, until, _): &(u16, WallInstant, Option<AnswerTo>)| *until <= wall();
+            if connected.pending.as_ref().is_some_and(is_late) {
+                break "it does not answer".into();
+            }
+            if !connected.take(&self.from) {
+                break "it starts again".into();
+            }
+            if let Err(error) = connected.send() {
+                break error.to_string();
+            }
+        };
+        let sentence = format!("the board at {} cannot be reached: {broken}", self.target);
+        self.shared.set(Err(sentence.clone()));
+        connected.end(&sentence);
+        warn!("{sentence}; it is connected again when it is back");
+        (self.sink)(Report::Gone);
+        Some((connected.session.base, connected.last))
+    }
+
+    /// Connects the board again when it is there. Returns `None` if the client ends.
+    fn connect_again(&mut self, before: End) -> Option<Connected> {
+        loop {
+            match open(&mut self.target, self.session + 1, before) {
+                Ok((link, session, state)) => {
+                    self.session += 1;
+                    info!("the board at {} is back", self.target);
+                    (self.sink)(Report::Begun(session.clone(), state));
+                    self.shared.set(Ok(session.clone()));
+                    return Some(Connected::new(link, session, state.at));
+                }
+                Err(sentence) => self.shared.set(Err(sentence)),
+            }
+            let until = wall() + RETRY;
+            loop {
+                let left = until.saturating_duration_since(wall());
+                let mut waker = [PollFd::new(&self.shared.waker, PollFlags::IN)];
+                // If the system cannot wait, the next attempt comes at once.
+                let _ = link::wait(&mut waker, left);
+                self.drain_waker();
+                if self.ends() {
+                    return None;
+                }
+                for job in self.from.try_iter() {
+                    if let (Job::Call { answer, .. }, Err(sentence)) = (job, self.shared.session()) {
+                        let _ = answer.send(Err(Failure::Away(sentence)));
+                    }
+                }
+                if wall() >= until {
+                    break;
+                }
+            }
+        }
+    }
+}
+
+/// Opens the control port, learns what board is there, and begins the trace. `before` is the base of the last session and the
+/// time of its last report, which no report of this session precedes. Returns also the state of the drive.
+///
+/// # Errors
+/// One sentence: there is no board of this version of drivetwin.
+fn open(target: &mut Target, number: u64, (base, last): End) -> Result<(Link, Session, State), String> {
+    let port = target.open();
+    let link = port.and_then(Link::new);
+    let mut link = link.map_err(|error| format!("{target} cannot be opened: {error}"))?;
+    let mut hello = None;
+    for attempt in 1..=ATTEMPTS {
+        match link.ask(number_of(Call::Hello), Call::Hello, wall() + GREETED) {
+            Ok(Answered::Hello(of)) => {
+                hello = Some(of);
+                break;
+            }
+            Ok(_) | Err(Failure::Refused(_)) => {}
+            Err(Failure::Away(why)) if attempt == ATTEMPTS => {
+                return Err(format!("there is no board at {target}: {why}"));
+            }
+            Err(Failure::Away(_)) => {}
+        }
+    }
+    let hello = hello.ok_or_else(|| format!("there is no board at {target}: it answers something else"))?;
+    let spec = check(target, &hello)?;
+    let mut ask = |call| match link.ask(number_of(call), call, wall() + PATIENCE) {
+        Ok(answered) => Ok(answered),
+        Err(Failure::Refused(_)) => Ok(Answered::Done),
+        Err(Failure::Away(why)) => Err(format!("the board at {target} cannot be reached: {why}")),
+    };
+    ask(Call::Trace(true))?;
+    let line = match ask(Call::Statistics)? {
+        Answered::Statistics(statistics) => report::line(statistics.line),
+        _ => None,
+    };
+    let Answered::State(state) = ask(Call::State)? else {
+        return Err(format!("there is no board at {target}: it answers something else"));
+    };
+    // The clock of a board that has started again begins with 0.
+    let base = if base.saturating_add(state.at) >= last.ticks() { base } else { last.ticks() };
+    let began = Instant::from_ticks(base.saturating_add(state.at));
+    let Hello { image, fast_boot, .. } = hello;
+    Ok((link, Session { number, spec, image, fast_boot, line, base, began }, state))
+}
+
+/// Number for a call before a session: each has its own, so that a late answer to another one is ignored.
+fn number_of(call: Call<'_>) -> u16 {
+    match call {
+        Call::Hello => 1,
+        Call::Trace(_) => 2,
+        Call::Statistics => 3,
+        _ => 4,
+    }
+}
+
+/// The description of the kind of drive that a board is.
+///
+/// # Errors
+/// One sentence: the board is of another version of drivetwin.
+fn check(target: &Target, hello: &Hello) -> Result<&'static Spec, String> {
+    let again = "flash it again with `drivetwin flash pico`";
+    if hello.version != VERSION {
+        return Err(format!(
+            "the board at {target} has version {} of the control protocol, and this drivetwin has {VERSION}: {again}",
+            hello.version
+        ));
+    }
+    let spec = catalog::make(&hello.kind).map(|device| device.spec());
+    let spec = spec.map_err(|_| {
+        let kind = hello.kind.escape_debug();
+        format!(
+            "the board at {target} is a drive of a kind that this drivetwin does not know, {kind}: {again}"
+        )
+    })?;
+    if hello.tables != fingerprint(spec) {
+        return Err(format!("the board at {target} has the tables of another version of drivetwin: {again}"));
+    }
+    Ok(spec)
+}

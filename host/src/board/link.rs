@@ -1,0 +1,134 @@
+//! A control port that is open: messages over a stream of bytes.
+
+use std::io;
+use std::os::fd::OwnedFd;
+use std::time::{Duration, Instant as WallInstant};
+
+use drivetwin_control::{Call, Decoder, FRAME, Message, Request, encode};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::{Errno, retry_on_intr};
+
+use super::answer::{Answered, Failure, reply};
+use crate::clock::wall;
+
+/// Longest wait until the port takes a request.
+const WRITTEN: Duration = Duration::from_secs(1);
+
+/// A control port that is open.
+pub(super) struct Link {
+    port: OwnedFd,
+    decoder: Decoder,
+    bytes: Vec<u8>,
+}
+
+impl Link {
+    /// A link over a port, which is non-blocking.
+    ///
+    /// # Errors
+    /// The port takes nothing.
+    pub(super) fn new(port: OwnedFd) -> io::Result<Self> {
+        let link = Self { port, decoder: Decoder::new(), bytes: vec![0; 4_096] };
+        // A zero byte ends what another program may have begun.
+        link.write(&[0])?;
+        Ok(link)
+    }
+
+    /// Waits until the port has bytes, or `waker` is readable, or `span` has passed.
+    ///
+    /// # Errors
+    /// The system cannot wait.
+    pub(super) fn wait(&self, waker: &OwnedFd, span: Duration) -> io::Result<()> {
+        let mut both = [PollFd::new(&self.port, PollFlags::IN), PollFd::new(waker, PollFlags::IN)];
+        wait(&mut both, span)
+    }
+
+    /// Takes what has come, and calls `take` with each message.
+    ///
+    /// # Errors
+    /// The port is closed, or gone.
+    pub(super) fn read(&mut self, mut take: impl FnMut(Message<'_>)) -> io::Result<()> {
+        let Self { port, decoder, bytes } = self;
+        match rustix::io::read(&*port, bytes.as_mut_slice()) {
+            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+            Ok(count) => {
+                bytes[..count].iter().for_each(|&byte| {
+                    if let Some(message) = decoder.push(byte) {
+                        take(message);
+                    }
+                });
+                Ok(())
+            }
+            Err(Errno::AGAIN | Errno::INTR) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Writes bytes.
+    ///
+    /// # Errors
+    /// The port is closed, gone, or takes nothing for a second.
+    pub(super) fn write(&self, mut bytes: &[u8]) -> io::Result<()> {
+        let until = wall() + WRITTEN;
+        while !bytes.is_empty() {
+            match rustix::io::write(&self.port, bytes) {
+                Ok(count) => bytes = &bytes[count..],
+                Err(Errno::INTR) => {}
+                Err(Errno::AGAIN) => {
+                    let left = until.saturating_duration_since(wall());
+                    if left == Duration::ZERO {
+                        return Err(io::ErrorKind::TimedOut.into());
+                    }
+                    wait(&mut [PollFd::new(&self.port, PollFlags::OUT)], left)?;
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Makes a call, and waits for its answer until `until`. Events that come meanwhile are ignored.
+    ///
+    /// # Errors
+    /// The board refuses the call, or does not answer.
+    pub(super) fn ask(
+        &mut self,
+        number: u16,
+        call: Call<'_>,
+        until: WallInstant,
+    ) -> Result<Answered, Failure> {
+        let away = |error: io::Error| Failure::Away(error.to_string());
+        self.write(&frame(number, call)?).map_err(away)?;
+        loop {
+            let mut answer = None;
+            self.read(|message| {
+                answer = answer.take().or(reply(&message).filter(|(other, _)| *other == number));
+            })
+            .map_err(away)?;
+            if let Some((_, answer)) = answer {
+                return answer;
+            }
+            let left = until.saturating_duration_since(wall());
+            if left == Duration::ZERO {
+                return Err(Failure::Away("it does not answer".into()));
+            }
+            wait(&mut [PollFd::new(&self.port, PollFlags::IN)], left).map_err(away)?;
+        }
+    }
+}
+
+/// The frame of a request.
+///
+/// # Errors
+/// The call is too long.
+pub(super) fn frame(number: u16, call: Call<'_>) -> Result<Vec<u8>, Failure> {
+    let mut frame = [0; FRAME];
+    let encoded = encode(&Request { number, call }, &mut frame);
+    encoded.map(<[u8]>::to_vec).map_err(|error| Failure::Away(error.to_string()))
+}
+
+/// Waits until one of the descriptors is ready, or `span` has passed.
+pub(super) fn wait(on: &mut [PollFd<'_>], span: Duration) -> io::Result<()> {
+    let span = Timespec::try_from(span).ok();
+    retry_on_intr(|| poll(on, span.as_ref()))?;
+    Ok(())
+}

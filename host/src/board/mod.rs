@@ -1,0 +1,184 @@
+//! Boards at this computer: the other end of the control protocol ([`drivetwin_control`]).
+//!
+//! | module | what it holds |
+//! |---|---|
+//! | `place` | where a board is: serial ports, USB serial numbers, TCP |
+//! | `link` | an open control port: messages over bytes |
+//! | `answer` | messages that own their data |
+//! | `report` | events as entries of a trace |
+//! | `client` | the thread that has the port: calls, sessions |
+//! | `drive` | the drive of a board, for commands by name |
+
+mod answer;
+mod client;
+mod drive;
+mod link;
+mod place;
+mod report;
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use drivetwin_firmware::device::{Pin, Plan, Port, Role};
+use drivetwin_sim::commands::Refusal;
+use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord};
+
+use crate::options::BoardPlace;
+use client::Client;
+pub(crate) use client::{Report, Session, Sink};
+pub use drive::Drive;
+pub(crate) use drive::of_first_port;
+use place::Target;
+
+/// Reasons why a board cannot do what a bench does.
+pub mod reasons {
+    /// Time.
+    pub const NO_TIME: &str = "a board has no virtual time: its clock goes on by itself";
+    /// Faults of lines.
+    pub const NO_LINE_FAULTS: &str =
+        "the line of a board is a real one, so drivetwin cannot put faults on it; use an emulated drive";
+    /// Scenarios.
+    pub const NO_SCENARIO: &str =
+        "a scenario is played by a bench, and not on a board; switch pins, faults and power from the test";
+    /// Journals.
+    pub const NO_JOURNAL: &str = "a board does not report the outcomes of messages; GET /api/trace has its characters, and ports of the drive its statistics";
+    /// Motors, switches, wires, further drives.
+    pub const NO_BENCH: &str =
+        "a board is one drive, with real pins and a real motor; a bench of emulated drives has this";
+    /// Streams on virtual time.
+    pub const NO_STREAM: &str =
+        "the port of a board is a real one; open the address that uri() returns, for instance with pyserial";
+}
+
+/// A board that is attached.
+pub(crate) struct Board {
+    client: Client,
+    /// Name of its drive.
+    name: Arc<str>,
+    /// Text of its place.
+    place: String,
+    /// The serial port of the drive's bus.
+    bus: Option<PathBuf>,
+}
+
+impl Board {
+    /// Attaches the board at a place. Its drive gets a name. `sink` takes its reports, the first one before this function
+    /// returns.
+    ///
+    /// # Errors
+    /// One sentence: there is no board, or one of another version of drivetwin.
+    pub(crate) fn attach(place: &BoardPlace, name: &str, sink: Sink) -> Result<Self, String> {
+        let target = Target::find(place)?;
+        let (text, bus) = (target.to_string(), target.bus.clone());
+        Ok(Self { client: Client::connect(target, sink)?, name: name.into(), place: text, bus })
+    }
+
+    /// The drive, as it is now.
+    ///
+    /// # Errors
+    /// The board cannot be reached.
+    pub(crate) fn drive(&self) -> Result<Drive, Refusal> {
+        let shared = Arc::clone(&self.client.shared);
+        let session = shared.session().map_err(Refusal::Away)?;
+        Ok(Drive::new(shared, session, Arc::clone(&self.name)))
+    }
+
+    /// The session; the reason in one sentence if there is none.
+    pub(crate) fn session(&self) -> Result<Session, String> {
+        self.client.shared.session()
+    }
+
+    /// Waits for a session after the one with number `last`.
+    #[cfg(test)]
+    pub(crate) fn wait_for_session_after(
+        &self,
+        last: u64,
+        span: std::time::Duration,
+    ) -> Result<Session, String> {
+        self.client.shared.session_after(last, span)
+    }
+
+    /// Name of its drive.
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Text of its place.
+    pub(crate) fn place(&self) -> &str {
+        &self.place
+    }
+
+    /// The serial port of the drive's bus, if it is known.
+    pub(crate) fn bus(&self) -> Option<&PathBuf> {
+        self.bus.as_ref()
+    }
+}
+
+/// The board of a [run](crate::Running), for other threads.
+#[derive(Clone)]
+pub struct OnBoard {
+    boards: Arc<BTreeMap<String, Board>>,
+    name: String,
+}
+
+impl OnBoard {
+    pub(crate) fn new(boards: &Arc<BTreeMap<String, Board>>, name: &str) -> Option<Self> {
+        boards.contains_key(name).then(|| Self { boards: Arc::clone(boards), name: name.to_owned() })
+    }
+
+    /// Text of the place of the board.
+    #[must_use]
+    pub fn place(&self) -> String {
+        self.boards.get(&self.name).map_or_else(String::new, |board| board.place().to_owned())
+    }
+
+    /// The drive, as it is now. Its calls wait for the answers of the board.
+    ///
+    /// # Errors
+    /// The board cannot be reached.
+    pub fn drive(&self) -> Result<Drive, Refusal> {
+        let board = self.boards.get(&self.name);
+        board.ok_or_else(|| Refusal::Away("the board is no longer attached".into()))?.drive()
+    }
+}
+
+/// The present state of a drive as events, so that recordings begin with it. Lights are left out, because they may blink.
+pub(crate) fn present(session: &Session, state: &drivetwin_control::State) -> Vec<Event> {
+    let (spec, at) = (session.spec, session.began);
+    let mut events = vec![Event::Missing { events: None }];
+    if let Some(line) = session.line {
+        events.push(Event::Output(OutputRecord::Line { port: Port(0), line }));
+    }
+    let steps = spec.axes.first().and_then(|axis| axis.step_dir);
+    for (number, pin) in (0..64).zip(spec.pins) {
+        let level = state.level(number);
+        // The pulses of the axis are not levels.
+        if steps.is_some_and(|(step, dir)| [step, dir].contains(&Pin(number))) {
+            continue;
+        }
+        let is_driven = state.driven >> number & 1 == 1;
+        match (pin.role, level) {
+            (Role::Output, level) => {
+                let level = report::level(level);
+                events.push(Event::Output(OutputRecord::Level { pin: Pin(number), level }));
+            }
+            (Role::Input, drivetwin_control::Level::Open) => {}
+            (Role::Input, level) if is_driven || report::level(level) != pin.idle => {
+                let high = level == drivetwin_control::Level::High;
+                events.push(Event::Input(InputRecord::Edge { pin: Pin(number), high }));
+            }
+            _ => {}
+        }
+    }
+    if let (Some(motion), Some(_)) = (state.motion, spec.axes.first()) {
+        let plan = Box::new(Plan::at_rest(at, motion.position));
+        if !motion.moving {
+            let axis = drivetwin_firmware::device::Axis(0);
+            events.push(Event::Output(OutputRecord::Plan { axis, plan }));
+        }
+    }
+    events
+}

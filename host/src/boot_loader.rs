@@ -1,0 +1,548 @@
+//! The boot loader of a Raspberry Pi Pico: a disk that takes a UF2, starts it and vanishes.
+
+use std::fs::{self, File};
+use std::io::{self, Read as _, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crate::clock;
+
+/// Name of the file with all kinds of drive, as `cargo xtask uf2` writes it.
+const IMAGE: &str = "drivetwin-pico.uf2";
+/// Label of the disk, and what its [`INFO`] says that the board is.
+const PICO: &str = "RPI-RP2";
+/// File on the disk of each boot loader that takes UF2s.
+const INFO: &str = "INFO_UF2.TXT";
+/// Way to the boot loader, for a user.
+const BOOTSEL: &str = "hold its button BOOTSEL while you plug it into USB";
+
+/// Number of bytes that are copied at once.
+const PIECE: usize = 64 << 10;
+/// Pause between two looks for the disk, and the number of looks: 10 s.
+const PAUSE: Duration = Duration::from_millis(100);
+const LOOKS: usize = 100;
+
+/// A UF2 for a Pico.
+#[derive(Clone, Debug)]
+pub struct Image {
+    path: PathBuf,
+    bytes: Vec<u8>,
+}
+
+impl Image {
+    /// Reads a UF2 from a file; without a file, that which came with the program.
+    ///
+    /// # Errors
+    /// One sentence: where the image was looked for, or why the file is no UF2 for a Pico.
+    pub fn read(file: Option<&Path>) -> Result<Self, String> {
+        /// Twice the flash, because a block of 512 bytes has 256 bytes of it.
+        const MOST: u64 = 2 * (2 << 20);
+        let path = file.map_or_else(beside_program, |file| Ok(file.to_owned()))?;
+        let mut bytes = Vec::new();
+        let read = File::open(&path).and_then(|file| file.take(MOST + 1).read_to_end(&mut bytes));
+        read.map_err(|error| format!("{}: {error}", path.display()))?;
+        if bytes.len() as u64 > MOST {
+            return Err(format!("{} is larger than the flash of a Pico", path.display()));
+        }
+        check(&bytes).map_err(|wrong| format!("{} {wrong}", path.display()))?;
+        Ok(Self { path, bytes })
+    }
+
+    /// File of the image.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Number of bytes of the file.
+    #[must_use]
+    pub fn size(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+/// The image that came with the program: in its folder, in the share folder beside that, or in `target` of a clone.
+fn beside_program() -> Result<PathBuf, String> {
+    let program =
+        std::env::current_exe().map_err(|error| format!("the program does not find itself: {error}"))?;
+    let folder = program.parent().unwrap_or(Path::new("."));
+    let above = folder.parent().unwrap_or(folder);
+    let places = [folder.join(IMAGE), above.join("share/drivetwin").join(IMAGE), above.join(IMAGE)];
+    let found = places.iter().find(|place| place.is_file()).cloned();
+    found.ok_or_else(|| {
+        let [first, second, third] = places.each_ref().map(|place| place.display());
+        format!(
+            "there is no image at {first}, {second} or {third}: make one with `cargo xtask uf2` in a clone of drivetwin, \
+             and name it with --image"
+        )
+    })
+}
+
+/// Checks that all blocks of a file are those of a UF2 for a Pico (<https://github.com/microsoft/uf2>).
+///
+/// # Errors
+/// The rest of a sentence about the file.
+fn check(bytes: &[u8]) -> Result<(), String> {
+    const BLOCK: usize = 512;
+    const MAGIC: [u32; 2] = [0x0A32_4655, 0x9E5D_5157];
+    const LAST_MAGIC: u32 = 0x0AB1_6F30;
+    const HAS_FAMILY: u32 = 0x2000;
+    const RP2040: u32 = 0xE48B_FF56;
+    let word = |block: &[u8], at: usize| {
+        block.get(at..).and_then(|bytes| bytes.first_chunk()).map_or(0, |word| u32::from_le_bytes(*word))
+    };
+    let is_block =
+        |block: &[u8]| [word(block, 0), word(block, 4)] == MAGIC && word(block, BLOCK - 4) == LAST_MAGIC;
+    let (blocks, rest) = bytes.as_chunks::<BLOCK>();
+    let Some(first) = blocks.first().filter(|first| is_block(*first)) else {
+        return Err("is not a UF2".to_owned());
+    };
+    let count = word(first, 24) as usize;
+    if blocks.len() != count || !rest.is_empty() {
+        return Err(format!("is not whole: it has {} bytes, and should have {}", bytes.len(), count * BLOCK));
+    }
+    for (number, block) in blocks.iter().enumerate() {
+        if !is_block(block) || word(block, 20) as usize != number {
+            return Err(format!("is damaged: its block {number} is not one of a UF2"));
+        }
+        let family = (word(block, 8) & HAS_FAMILY != 0).then(|| word(block, 28));
+        if family != Some(RP2040) {
+            let family = family.map_or("none".to_owned(), |family| format!("{family:#010x}"));
+            return Err(format!(
+                "is a UF2 for another chip: its family is {family}, that of a Pico is {RP2040:#010x}"
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Places of the operating system where a boot loader shows itself.
+#[derive(Clone, Debug)]
+pub struct Places {
+    /// Table of mounted disks, as Linux has it.
+    pub mounts: PathBuf,
+    /// Folder with a device for each label of a disk, as Linux has it.
+    pub labels: PathBuf,
+    /// Folder with a folder for each mounted disk, as macOS has it.
+    pub volumes: PathBuf,
+    /// Folder with a folder for each USB device, as Linux has it.
+    pub usb: PathBuf,
+}
+
+impl Default for Places {
+    fn default() -> Self {
+        Self {
+            mounts: "/proc/self/mounts".into(),
+            labels: "/dev/disk/by-label".into(),
+            volumes: "/Volumes".into(),
+            usb: "/sys/bus/usb/devices".into(),
+        }
+    }
+}
+
+impl Places {
+    /// Disk of the only Pico that is in its boot loader.
+    ///
+    /// # Errors
+    /// One sentence that says what to do: press a button, mount a disk, unplug a board.
+    pub fn find(&self) -> Result<Disk, String> {
+        let disks: Vec<(Disk, String)> =
+            self.disks().into_iter().filter_map(|disk| disk.board().map(|board| (disk, board))).collect();
+        let mut picos: Vec<&Disk> =
+            disks.iter().filter(|(_, board)| board == PICO).map(|(disk, _)| disk).collect();
+        if let (Some(pico), true) = (picos.pop(), picos.is_empty()) {
+            return Ok(pico.clone());
+        }
+        if !picos.is_empty() {
+            return Err(format!(
+                "{} boards are in their boot loaders: leave one of them plugged in",
+                picos.len() + 1
+            ));
+        }
+        if let Some((disk, board)) = disks.first() {
+            let folder = disk.folder.display();
+            return Err(format!(
+                "the boot loader at {folder} is that of a board {board}, and the image is for a Pico"
+            ));
+        }
+        let device = self.labels.join(PICO);
+        if device.exists() {
+            let device = fs::canonicalize(&device).unwrap_or(device);
+            let device = device.display();
+            return Err(format!(
+                "the disk of the boot loader, {device}, is not mounted: mount it, for example with `udisksctl mount -b \
+                 {device}`, and try again"
+            ));
+        }
+        Err(match self.running_board() {
+            Some(serial) => {
+                format!(
+                    "no Pico is in its boot loader; the board usb:{serial} runs a drive: unplug it, and {BOOTSEL}"
+                )
+            }
+            None => format!("no Pico is in its boot loader: {BOOTSEL}"),
+        })
+    }
+
+    /// All disks that can be those of boot loaders.
+    fn disks(&self) -> Vec<Disk> {
+        let table = fs::read(&self.mounts).unwrap_or_default();
+        let table = String::from_utf8_lossy(&table);
+        let mounted = table.lines().filter_map(|line| {
+            let [device, folder, system] = line.split(' ').take(3).collect::<Vec<_>>()[..] else {
+                return None;
+            };
+            // A look into another disk could wait for a network.
+            (system == "vfat")
+                .then(|| Disk { folder: unescaped(folder).into(), device: Some(unescaped(device).into()) })
+        });
+        let volumes = fs::read_dir(&self.volumes).into_iter().flatten().flatten();
+        mounted.chain(volumes.map(|volume| Disk { folder: volume.path(), device: None })).collect()
+    }
+
+    /// Serial number of a board with an image of drivetwin.
+    fn running_board(&self) -> Option<String> {
+        let mut devices = fs::read_dir(&self.usb).ok()?.flatten();
+        devices.find_map(|device| {
+            let text =
+                |name| fs::read_to_string(device.path().join(name)).ok().map(|text| text.trim().to_owned());
+            let is_board = text("idVendor")? == "1209" && text("idProduct")? == "0001";
+            (is_board && text("manufacturer")? == "drivetwin").then(|| text("serial"))?
+        })
+    }
+}
+
+/// Text of a mount table, in which a backslash and three octal digits are a character.
+fn unescaped(text: &str) -> String {
+    let mut parts = text.split('\\');
+    let mut plain = parts.next().unwrap_or_default().to_owned();
+    for part in parts {
+        let digits = part.get(..3).and_then(|digits| u8::from_str_radix(digits, 8).ok());
+        match digits {
+            Some(character) if character.is_ascii() => {
+                plain.push(char::from(character));
+                plain.push_str(&part[3..]);
+            }
+            _ => {
+                plain.push('\\');
+                plain.push_str(part);
+            }
+        }
+    }
+    plain
+}
+
+/// Disk of a boot loader.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Disk {
+    folder: PathBuf,
+    /// The device of the disk, if it is known. It vanishes earlier than a folder that is still mounted.
+    device: Option<PathBuf>,
+}
+
+impl Disk {
+    /// Folder where the disk is mounted.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Name of the board, from the boot loader itself; `None` if the disk is not that of a boot loader.
+    fn board(&self) -> Option<String> {
+        let info = fs::read(self.folder.join(INFO)).ok()?;
+        let info = String::from_utf8_lossy(&info);
+        let board = info.lines().find_map(|line| line.strip_prefix("Board-ID:"));
+        board.map(|board| board.trim().to_owned())
+    }
+
+    fn is_gone(&self) -> bool {
+        !self.folder.join(INFO).exists() || self.device.as_ref().is_some_and(|device| !device.exists())
+    }
+
+    /// Copies an image to the disk, and waits up to 10 s until the board has restarted. `progress` is called with the
+    /// number of bytes that the disk has.
+    ///
+    /// # Errors
+    /// One sentence: the copy failed, or the board did not restart.
+    pub fn flash(&self, image: &Image, progress: impl FnMut(usize)) -> Result<(), String> {
+        self.flash_with(image, progress, || clock::sleep(PAUSE))
+    }
+
+    fn flash_with(
+        &self,
+        image: &Image,
+        mut progress: impl FnMut(usize),
+        mut pause: impl FnMut(),
+    ) -> Result<(), String> {
+        let mut written = 0;
+        let copied = copy(&image.bytes, &self.folder.join(IMAGE), |bytes, is_synced| {
+            written = bytes;
+            if is_synced {
+                progress(bytes);
+            }
+        });
+        let folder = self.folder.display();
+        if let (Err(error), true) = (&copied, written < image.size()) {
+            return Err(if self.is_gone() {
+                format!("the disk {folder} vanished before the copy was complete: {BOOTSEL}, and try again")
+            } else {
+                format!("the image cannot be copied to {folder}: {error}")
+            });
+        }
+        // The board restarts as soon as it has the last block, so the end of the copy may have failed.
+        for _ in 0..LOOKS {
+            if self.is_gone() {
+                return Ok(());
+            }
+            pause();
+        }
+        Err(match copied {
+            Ok(()) => format!(
+                "{folder} has the image, but the board does not restart: unplug it, and plug it in again"
+            ),
+            Err(error) => format!("the image cannot be copied to {folder}: {error}"),
+        })
+    }
+}
+
+/// Copies bytes to a file. Reports the number of written bytes before and after the disk has them.
+fn copy(bytes: &[u8], file: &Path, mut report: impl FnMut(usize, bool)) -> io::Result<()> {
+    let mut file = File::create(file)?;
+    let mut written = 0;
+    for piece in bytes.chunks(PIECE) {
+        file.write_all(piece)?;
+        written += piece.len();
+        report(written, false);
+        file.sync_data()?;
+        report(written, true);
+    }
+    file.sync_all()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A folder of this test, which is removed at its end.
+    struct Scratch(PathBuf);
+
+    impl Scratch {
+        fn new(name: &str) -> Self {
+            let folder =
+                std::env::temp_dir().join(format!("drivetwin-boot-loader-{name}-{}", std::process::id()));
+            fs::create_dir_all(&folder).unwrap();
+            Self(folder)
+        }
+
+        fn file(&self, name: &str, content: impl AsRef<[u8]>) -> PathBuf {
+            let path = self.0.join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(&path, content).unwrap();
+            path
+        }
+
+        /// Places in this folder.
+        fn places(&self) -> Places {
+            let [mounts, labels, volumes, usb] =
+                ["mounts", "labels", "Volumes", "usb"].map(|name| self.0.join(name));
+            Places { mounts, labels, volumes, usb }
+        }
+
+        /// A mounted disk of a boot loader.
+        fn disk(&self, folder: &str, board: &str) -> PathBuf {
+            let info = format!("UF2 Bootloader v3.0\r\nModel: Raspberry Pi RP2\r\nBoard-ID: {board}\r\n");
+            self.file(&format!("{folder}/{INFO}"), info).parent().unwrap().to_owned()
+        }
+    }
+
+    impl Drop for Scratch {
+        fn drop(&mut self) {
+            let _ = fs::remove_dir_all(&self.0);
+        }
+    }
+
+    /// A UF2, typed from the specification, with the family of an RP2040.
+    fn uf2(count: u8) -> Vec<u8> {
+        let block = |number: u8| {
+            let mut block = [0; 512];
+            block[..12].copy_from_slice(b"UF2\n\x57\x51\x5D\x9E\x00\x20\x00\x00");
+            block[12..20].copy_from_slice(&[0, number, 0, 0x10, 0, 1, 0, 0]);
+            block[20] = number;
+            block[24] = count;
+            block[28..32].copy_from_slice(&[0x56, 0xFF, 0x8B, 0xE4]);
+            block[508..].copy_from_slice(&[0x30, 0x6F, 0xB1, 0x0A]);
+            block
+        };
+        (0..count).flat_map(block).collect()
+    }
+
+    fn image(scratch: &Scratch, blocks: u8) -> Image {
+        Image::read(Some(&scratch.file("image.uf2", uf2(blocks)))).unwrap()
+    }
+
+    #[test]
+    fn a_file_that_is_no_uf2_for_a_pico_is_refused() {
+        let scratch = Scratch::new("wrong");
+        let whole = uf2(3);
+        assert_eq!(check(&whole), Ok(()));
+        let with = |at: usize, byte: u8| {
+            let mut wrong = whole.clone();
+            wrong[at] = byte;
+            wrong
+        };
+        for (wrong, told) in [
+            (b"\x7FELF".to_vec(), "is not a UF2"),
+            (Vec::new(), "is not a UF2"),
+            (with(0, 0), "is not a UF2"),
+            (whole[..1_024].to_vec(), "is not whole: it has 1024 bytes, and should have 1536"),
+            (whole[..1_535].to_vec(), "is not whole: it has 1535 bytes, and should have 1536"),
+            (with(1_024 + 511, 0), "is damaged: its block 2 is not one of a UF2"),
+            (with(512 + 20, 7), "is damaged: its block 1 is not one of a UF2"),
+            (
+                with(28, 0x59),
+                "is a UF2 for another chip: its family is 0xe48bff59, that of a Pico is 0xe48bff56",
+            ),
+            (with(9, 0), "is a UF2 for another chip: its family is none, that of a Pico is 0xe48bff56"),
+        ] {
+            let path = scratch.file("wrong.uf2", wrong);
+            assert_eq!(Image::read(Some(&path)).unwrap_err(), format!("{} {told}", path.display()));
+        }
+        let large = scratch.file("large.uf2", vec![0; (4 << 20) + 1]);
+        let said = Image::read(Some(&large)).unwrap_err();
+        assert_eq!(said, format!("{} is larger than the flash of a Pico", large.display()));
+        let said = Image::read(Some(&scratch.0.join("none.uf2"))).unwrap_err();
+        assert!(said.ends_with("none.uf2: No such file or directory (os error 2)"), "{said}");
+    }
+
+    #[test]
+    fn without_an_image_it_is_said_where_it_was_looked_for() {
+        let said = Image::read(None).unwrap_err();
+        assert_eq!(said.matches("/drivetwin-pico.uf2").count(), 3, "{said}");
+        assert!(
+            said.ends_with("`cargo xtask uf2` in a clone of drivetwin, and name it with --image"),
+            "{said}"
+        );
+    }
+
+    #[test]
+    fn a_disk_is_found_in_the_table_of_mounts_and_among_the_volumes() {
+        let scratch = Scratch::new("found");
+        let folder = scratch.disk("my disks/RPI-RP2", PICO);
+        let escaped = folder.display().to_string().replace(' ', "\\040");
+        scratch.file("mounts", format!("proc /proc proc rw 0 0\n/dev/sdx1 {escaped} vfat rw,nosuid 0 0\n"));
+        let disk = Disk { folder, device: Some("/dev/sdx1".into()) };
+        assert_eq!(scratch.places().find(), Ok(disk));
+
+        let scratch = Scratch::new("volume");
+        let folder = scratch.disk("Volumes/RPI-RP2", PICO);
+        fs::create_dir_all(scratch.0.join("Volumes/Macintosh HD")).unwrap();
+        assert_eq!(scratch.places().find(), Ok(Disk { folder, device: None }));
+    }
+
+    #[test]
+    fn without_the_disk_it_is_said_what_to_do() {
+        let scratch = Scratch::new("none");
+        let places = scratch.places();
+        let hold = "hold its button BOOTSEL while you plug it into USB";
+        assert_eq!(places.find(), Err(format!("no Pico is in its boot loader: {hold}")));
+
+        // Another device, and a board with drivetwin.
+        for (port, vendor) in [("1-1", "0403"), ("1-2", "1209")] {
+            scratch.file(&format!("usb/{port}/idVendor"), format!("{vendor}\n"));
+            scratch.file(&format!("usb/{port}/idProduct"), "0001\n");
+            scratch.file(&format!("usb/{port}/manufacturer"), "drivetwin\n");
+            scratch.file(&format!("usb/{port}/serial"), format!("E66{vendor}\n"));
+        }
+        assert_eq!(
+            places.find(),
+            Err(format!(
+                "no Pico is in its boot loader; the board usb:E661209 runs a drive: unplug it, and {hold}"
+            ))
+        );
+
+        let device = scratch.file("labels/RPI-RP2", "");
+        let device = fs::canonicalize(device).unwrap();
+        let device = device.display();
+        assert_eq!(
+            places.find(),
+            Err(format!(
+                "the disk of the boot loader, {device}, is not mounted: mount it, for example with `udisksctl mount -b \
+                 {device}`, and try again"
+            ))
+        );
+
+        let folder = scratch.disk("Volumes/RP2350", "RP2350");
+        let folder = folder.display();
+        assert_eq!(
+            places.find(),
+            Err(format!(
+                "the boot loader at {folder} is that of a board RP2350, and the image is for a Pico"
+            ))
+        );
+
+        scratch.disk("Volumes/RPI-RP2", PICO);
+        assert!(places.find().is_ok());
+        scratch.disk("Volumes/RPI-RP2 1", PICO);
+        assert_eq!(
+            places.find(),
+            Err("2 boards are in their boot loaders: leave one of them plugged in".to_owned())
+        );
+    }
+
+    #[test]
+    fn an_image_is_copied_until_the_board_takes_the_disk_away() {
+        let scratch = Scratch::new("copied");
+        let image = image(&scratch, 200);
+        for by_device in [true, false] {
+            let folder = scratch.disk("Volumes/RPI-RP2", PICO);
+            let device = scratch.file("sdx1", "");
+            let disk = Disk { folder: folder.clone(), device: by_device.then(|| device.clone()) };
+            let (mut steps, mut looks) = (Vec::new(), 0);
+            let done = disk.flash_with(
+                &image,
+                |bytes| steps.push(bytes),
+                || {
+                    looks += 1;
+                    if looks == 3 {
+                        fs::remove_file(if by_device { device.clone() } else { folder.join(INFO) }).unwrap();
+                    }
+                },
+            );
+            assert_eq!((done, looks), (Ok(()), 3));
+            assert_eq!(steps, [65_536, 102_400]);
+            assert_eq!(fs::read(folder.join("drivetwin-pico.uf2")).unwrap(), uf2(200));
+        }
+    }
+
+    #[test]
+    fn a_board_that_does_not_restart_is_reported() {
+        let scratch = Scratch::new("stays");
+        let disk = Disk { folder: scratch.disk("Volumes/RPI-RP2", PICO), device: None };
+        let mut looks = 0;
+        let said = disk.flash_with(&image(&scratch, 1), |_| (), || looks += 1).unwrap_err();
+        assert!(said.ends_with("the board does not restart: unplug it, and plug it in again"), "{said}");
+        assert_eq!(looks, 100);
+    }
+
+    #[test]
+    fn a_disk_that_takes_nothing_is_reported_at_once() {
+        let scratch = Scratch::new("full");
+        let image = image(&scratch, 1);
+        let folder = scratch.disk("Volumes/RPI-RP2", PICO);
+        // A folder where the file should be.
+        fs::create_dir(folder.join(IMAGE)).unwrap();
+        let disk = Disk { folder: folder.clone(), device: None };
+        let never = || panic!("nothing is waited for");
+        let said = disk.flash_with(&image, |_| (), never).unwrap_err();
+        assert!(said.starts_with(&format!("the image cannot be copied to {}: ", folder.display())), "{said}");
+        fs::remove_file(folder.join(INFO)).unwrap();
+        let said = disk.flash_with(&image, |_| (), never).unwrap_err();
+        assert!(said.contains("vanished before the copy was complete: hold its button BOOTSEL"), "{said}");
+    }
+
+    #[test]
+    fn a_mount_table_has_octal_escapes() {
+        assert_eq!(unescaped("/a\\040b\\134c"), "/a b\\c");
+        assert_eq!(unescaped("/a\\9b\\"), "/a\\9b\\");
+    }
+}

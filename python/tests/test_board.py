@@ -1,0 +1,232 @@
+"""A board: the same methods as of an emulated drive. The board is the program `virtual-board`, which `VIRTUAL_BOARD` names."""
+
+import json
+import os
+import subprocess
+import urllib.request
+from pathlib import Path
+
+import pytest
+from modbus import write
+
+import drivetwin
+
+PROGRAM = os.environ.get("VIRTUAL_BOARD")
+EXAMPLES = Path(__file__).parent.parent.parent / "examples" / "pytest"
+
+pytest_plugins = ["pytester"]
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="VIRTUAL_BOARD names no program")
+
+
+class VirtualBoard:
+    """A board in memory: the places of its two ports."""
+
+    def __init__(self, kind):
+        self._process = subprocess.Popen(
+            [PROGRAM, kind, "fast"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        _, control, _, bus = self._process.stdout.readline().split()
+        self.control, self.bus = f"tcp:{control}", f"tcp:{bus}"
+
+    def attach(self, **options):
+        return drivetwin.attach(self.control, bus=self.bus, **options)
+
+    def end(self):
+        self._process.stdin.close()
+        self._process.wait(30)
+        self._process.stdout.close()
+
+
+@pytest.fixture
+def virtual():
+    made = []
+
+    def virtual(kind="md3"):
+        made.append(VirtualBoard(kind))
+        return made[-1]
+
+    yield virtual
+    for board in made:
+        board.end()
+
+
+def test_registers_pins_and_power(virtual):
+    with virtual().attach() as bench:
+        assert (len(bench), list(bench), bench.time) == (1, ["board"], "real")
+        assert bench.board.startswith("tcp:127.0.0.1:")
+        x = bench["board"]
+        assert (x.kind, x.powered, x.ports) == ("md3", True, ["rs485"])
+        x.registers["Speed"] = 9_000
+        x.registers["SpeedLow"] = 9_001
+        assert (x.registers["Speed"], x.registers["SpeedLow"]) == (9_001, 9_001)
+        assert dict(x.registers.items())["Speed"] == 9_001
+        x.pins["J2.2"] = "low"
+        assert (x.pins["J2.2"], dict(x.pins.items())["J2.2"]) == ("low", "low")
+        x.pins["J2.2"] = "open"
+        assert x.pins["J2.2"] == "high"
+        x.fault("over_temperature")
+        assert x.faults == {"over_temperature": True, "over_current": False}
+        x.clear("over_temperature")
+        x.power("cycle")
+        bench.wait(0.1)
+        assert x.registers["Speed"] == 5_000
+        assert set(x.leds) == {"D5", "D6"}
+
+
+def test_a_move_and_its_pulses(virtual):
+    with virtual().attach() as bench:
+        x = bench["board"]
+        x.power("cycle")
+        bench.wait(0.1)
+        x.registers["MoveSteps"] = 100
+        begin = bench.now
+        request = write(1, 0x11, 1)
+        assert x.ask(request) == request
+        while x.motion.moving or x.motion.position != 100:
+            assert bench.now < begin + 30
+        assert len(x.pulses()) == 100
+        assert x.motion.position == 100
+        at, position, _ = bench.history(x)[-1]
+        assert position == 100 and at > begin
+        assert "> rx 01 06 00 11 00 01 18 0F\n" in bench.trace()
+        assert b"write MotionControl" in bench.pcapng() and b"$enddefinitions" in bench.vcd()
+
+
+def test_names_and_values_have_the_sentences_of_a_bench(virtual):
+    def sentences(x):
+        for act in (
+            lambda: x.registers["Sped"],
+            lambda: x.registers.__setitem__("DeviceAddress", 300),
+            lambda: x.registers.__setitem__("ProductInformation", 1),
+            lambda: x.pins.__setitem__("J2.22", "low"),
+            lambda: x.pins.__setitem__("D5", "low"),
+            lambda: x.pins.__setitem__("J2.2", 2.5),
+            lambda: x.pins["J2.22"],
+            lambda: x.pulse("J2.2", 0, 10),
+            lambda: x.encoder(0, 10),
+            lambda: x.fault("over_temprature"),
+            lambda: x.power("up"),
+            lambda: x.line("usb"),
+        ):
+            with pytest.raises(drivetwin.Error) as raised:
+                act()
+            yield type(raised.value), str(raised.value)
+
+    emulated = drivetwin.Bench().add("md3", name="board", fast_boot=True)
+    with virtual().attach() as bench:
+        assert list(sentences(bench["board"])) == list(sentences(emulated))
+
+
+def test_what_a_board_cannot_do(virtual):
+    with virtual().attach(control="127.0.0.1:0") as bench:
+        x = bench["board"]
+        for act, sentence in (
+            (lambda: bench.advance(1), "a board has no virtual time"),
+            (lambda: bench.run_until(1), "a board has no virtual time"),
+            (lambda: setattr(bench, "time", "manual"), "a board has no virtual time"),
+            (lambda: bench.add("md3"), "a board is one drive"),
+            (lambda: bench.motor("board", steps_per_rev=200), "a board is one drive"),
+            (lambda: bench.switch("m", closed={"below_rev": 1}, to="board.J2.2"), "a board is one drive"),
+            (lambda: bench.scenario([{"at_ms": 1, "drive": "board", "power": "cut"}]), "a scenario is played by a bench"),
+            (lambda: x.line(), "the line of a board is a real one"),
+            (lambda: x.received(), "a board does not report the outcomes"),
+            (lambda: x.port("rs485"), "the port of a board is a real one"),
+        ):
+            with pytest.raises(drivetwin.NotOnBoard, match=sentence):
+                act()
+        # The control API says the same.
+        request = urllib.request.Request(
+            f"{bench.control}/api/time/advance",
+            data=b'{"seconds": 1}',
+            headers={"Content-Type": "application/json"},
+        )
+        with pytest.raises(urllib.error.HTTPError) as refused:
+            urllib.request.urlopen(request)
+        with pytest.raises(drivetwin.NotOnBoard) as raised:
+            bench.advance(1)
+        assert json.loads(refused.value.read())["detail"] == str(raised.value)
+
+
+def test_a_master_has_the_port_of_the_bus(virtual):
+    serial = pytest.importorskip("serial")
+    board = virtual("qsb-d")
+    with board.attach() as bench:
+        x = bench["board"]
+        assert (x.uri(), x.url()) == (board.bus, "socket://" + board.bus.removeprefix("tcp:"))
+        with pytest.raises(drivetwin.Error, match="has no pty"):
+            x.pty
+        with serial.serial_for_url(x.url(), timeout=5) as port:
+            # As with its real USB, opening the port resets a QSB, which then tells its version.
+            assert port.read_until(b"\r").startswith(b"QSB-D")
+
+
+def test_no_board():
+    with pytest.raises(drivetwin.Error, match="^/dev/nothing cannot be opened: No such file or directory"):
+        drivetwin.attach("/dev/nothing")
+    with pytest.raises(TypeError, match="attach has no argument 'json'"):
+        drivetwin.attach("/dev/nothing", json=True)
+
+
+TESTS = """
+import pytest
+
+@pytest.fixture
+def x(twin):
+    return twin("md3", name="x", fast_boot=True, address=7, set={"Speed": 9000, "UserRegister": 5})
+
+def test_registers(x):
+    assert (x.registers["DeviceAddress"], x.registers["Speed"], x.registers["UserRegister"]) == (7, 9000, 5)
+    x.registers["Speed"] = 100
+    x.fault("over_temperature")
+    x.pins["J2.2"] = "low"
+
+def test_is_anew(x):
+    assert (x.registers["Speed"], x.faults["over_temperature"], x.pins["J2.2"]) == (9000, False, "high")
+    x.registers["EEPROMControl"] = 1
+    x.bench.wait(0.1)
+
+def test_the_memory_is_erased(twin):
+    x = twin("md3", fast_boot=True)
+    assert (x.registers["DeviceAddress"], x.registers["Speed"]) == (1, 5000)
+
+def test_time(x):
+    x.bench.advance(1)
+    assert x.bench.now >= 1
+
+def test_two(twin):
+    twin("md3", name="x")
+    twin("md3", name="y")
+
+def test_fails(x):
+    assert x.registers["Speed"] == 1
+"""
+
+
+def test_the_same_tests_on_both(virtual, pytester):
+    pytester.makepyfile(test_it=TESTS)
+    pytester.runpytest_subprocess().assert_outcomes(passed=5, failed=1)
+    board = virtual()
+    options = ["--drivetwin-board", board.control, "--drivetwin-bus", board.bus]
+    result = pytester.runpytest_subprocess(*options, "--drivetwin-artifacts", "kept", "-rs")
+    result.assert_outcomes(passed=3, failed=1, skipped=2)
+    result.stdout.fnmatch_lines(["*not on a board: a board has no virtual time*"])
+    result.stdout.fnmatch_lines(["*not on a board: a board is one drive*"])
+    assert (pytester.path / "kept" / "test_it.py-test_fails.trace").exists()
+
+
+def test_the_examples_on_both(virtual, pytester):
+    pytest.importorskip("pymodbus")
+    pytester.runpytest_subprocess(EXAMPLES).assert_outcomes(passed=4)
+    board = virtual()
+    result = pytester.runpytest_subprocess(
+        EXAMPLES, "--drivetwin-board", board.control, "--drivetwin-bus", board.bus, "-rs"
+    )
+    result.assert_outcomes(passed=1, skipped=3)
+
+
+def test_another_kind_is_skipped_with_its_reason(virtual, pytester):
+    pytester.makepyfile("def test_it(twin):\n    twin('qsb-d')\n")
+    board = virtual()
+    result = pytester.runpytest_subprocess("--drivetwin-board", board.control, "-rs")
+    result.assert_outcomes(skipped=1)
+    result.stdout.fnmatch_lines(["*the image of this board is one kind only, md3*"])

@@ -1,0 +1,268 @@
+//! The UF2 with every kind of drive: which kind starts, and when.
+
+use std::cell::RefCell;
+use std::fs;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use drivetwin_board::{Choice, Directory, Sectors};
+use drivetwin_protocol::modbus::rtu;
+use drivetwin_tests::{md3, rs434};
+use embedded_storage_async::nor_flash::NorFlashErrorKind;
+
+use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
+use crate::{expect_written, image, pin, value, write};
+
+/// Size of the Pico's flash.
+const FLASH: usize = 2 << 20;
+/// Size of a sector.
+const SECTOR: usize = 4_096;
+/// The two sectors with the choice, in front of the 48 KiB of saved registers.
+const CHOICES: [u32; 2] = [0x1F_2000, 0x1F_3000];
+/// Offset of the directory in the UF2.
+const DIRECTORY: usize = 0x1000;
+
+/// Pin of the Pico's own light.
+const LIGHT: u8 = 25;
+/// The same as a bit.
+const LIGHT_BIT: u32 = 1 << 25;
+
+/// Time from the reset, until which every kind is ready: the selector reads an image twice.
+const START: Nanos = 150 * MS;
+/// Time for a request and its reply.
+const TURN: Nanos = 40 * MS;
+
+/// Each kind with its first request, and the reply that only this kind gives (MD3 7.21, QSB R14, RS 6.8, MDROBOT PID 1).
+fn kinds() -> [(&'static str, Vec<u8>, Vec<u8>); 8] {
+    let product = |value: [u8; 2]| {
+        let [high, low] = value;
+        (rtu::read(1, md3::at::PRODUCT, 1).to_vec(), rtu::frame(1, &[3, 2, high, low]).to_vec())
+    };
+    let model = |value: [u8; 2]| {
+        let [high, low] = value;
+        let [register, place] = rs434::at::HW_MAJOR.to_be_bytes();
+        let request = rtu::frame(1, &[4, register, place, 0, 1]);
+        (request.to_vec(), rtu::frame(1, &[4, 2, high, low]).to_vec())
+    };
+    let version = |digits: &str| (b"R14\r".to_vec(), format!("r 14 0000{digits}0E !\r\n").into_bytes());
+    let mdrobot = (rtu::read(1, 1, 1).to_vec(), rtu::frame(1, &[3, 2, 0, 81]).to_vec());
+    [
+        ("md3", product([0xBD, 0x01])),
+        ("md3-low", product([0x3D, 0x01])),
+        ("qsb-d", version("10")),
+        ("qsb-m", version("11")),
+        ("qsb-s", version("12")),
+        ("rs434544", model([0x03, 0xE9])),
+        ("rs434546", model([0x03, 0xEA])),
+        ("mdrobot", mdrobot),
+    ]
+    .map(|(kind, (request, reply))| (kind, request, reply))
+}
+
+/// First request and reply of a kind.
+fn first(kind: &str) -> (Vec<u8>, Vec<u8>) {
+    let (_, request, reply) = kinds().into_iter().find(|(known, ..)| *known == kind).expect(kind);
+    (request, reply)
+}
+
+fn uf2() -> PathBuf {
+    std::env::var_os("DRIVETWIN_UF2").expect("DRIVETWIN_UF2 names the UF2 of all kinds").into()
+}
+
+thread_local! {
+    /// The flash that a test prepares, and the number of bytes that change before power fails.
+    static CHIP: RefCell<(Vec<u8>, usize)> = const { RefCell::new((Vec::new(), usize::MAX)) };
+}
+
+/// The chip of this thread.
+#[derive(Clone, Copy)]
+struct Chip;
+
+/// Changes bytes from `offset` on until power fails. Of the byte at which it fails, only the upper half changes.
+fn change(offset: u32, new: impl Iterator<Item = u8>) -> Result<(), NorFlashErrorKind> {
+    CHIP.with_borrow_mut(|(bytes, left)| {
+        for (byte, new) in bytes[offset as usize..].iter_mut().zip(new).filter(|(byte, new)| **byte != *new) {
+            if *left == 0 {
+                *byte = new & 0xF0 | *byte & 0x0F;
+                return Err(NorFlashErrorKind::Other);
+            }
+            *left -= 1;
+            *byte = new;
+        }
+        Ok(())
+    })
+}
+
+impl Sectors for Chip {
+    const OURS: Range<u32> = CHOICES[0]..FLASH as u32;
+    const CAPACITY: usize = FLASH;
+    const SECTOR: usize = SECTOR;
+    const WORD: usize = 1;
+    const PAGE: usize = 256;
+
+    fn read(offset: u32) -> u8 {
+        CHIP.with_borrow(|(bytes, _)| bytes[offset as usize])
+    }
+
+    fn erase(offset: u32) -> Result<(), NorFlashErrorKind> {
+        change(offset, [0xFF; SECTOR].into_iter())
+    }
+
+    fn program(offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
+        let old: Vec<u8> = (offset..).take(bytes.len()).map(Self::read).collect();
+        change(offset, bytes.iter().zip(old).map(|(new, old)| new & old))
+    }
+}
+
+/// Stores a choice as the board does; power fails after `bytes` bytes. Returns whether it was stored.
+fn choose(kind: &str, bytes: usize) -> bool {
+    CHIP.with_borrow_mut(|(_, left)| *left = bytes);
+    Choice::store::<Chip>(CHOICES, kind).is_ok()
+}
+
+/// A file with a flash in which these kinds were chosen, one after the other.
+fn flash(file: &str, choices: &[&str]) -> PathBuf {
+    CHIP.with_borrow_mut(|(bytes, _)| *bytes = vec![0xFF; FLASH]);
+    assert!(choices.iter().all(|kind| choose(kind, usize::MAX)));
+    stored(file)
+}
+
+/// A file with the flash of this thread.
+fn stored(file: &str) -> PathBuf {
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(file);
+    CHIP.with_borrow(|(bytes, _)| fs::write(&path, bytes).expect("a file is written"));
+    path
+}
+
+/// Plays a kind's first request to the UF2 on a flash. The board must be this kind.
+fn expect_kind(kind: &str, flash: &Path, image: &Path) {
+    let (request, reply) = first(kind);
+    let mut script = Script::fast();
+    script.hear(START, &request);
+    let run = script.play_on(flash, image, START + TURN);
+    assert_eq!(run.sent(START, START + TURN).1, reply, "{kind}");
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn every_kind_of_the_uf2_answers_its_first_request() {
+    println!("time from the reset to the first answer, without the drive's start-up delay, in ms:");
+    for (kind, request, reply) in kinds() {
+        let flash = flash(&format!("first-{kind}"), &[kind]);
+        // DE is an output from the instant at which the board listens.
+        let ready = |run: &Run| run.edges(pin::DE, Drive::Low).first().copied().expect("it starts");
+        let listens = ready(&Script::fast().play_on(&flash, &uf2(), START));
+        let mut script = Script::fast();
+        script.hear(listens + 5 * MS, &request);
+        let run = script.play_on(&flash, &uf2(), START + TURN);
+        let (_, sent) = run.sent(listens + 5 * MS, START + TURN);
+        assert_eq!(sent, reply, "{kind}");
+        // A QSB begins with its banner.
+        let (answered, _) = run.sent(0, START + TURN);
+        // A QSB has no light, so the board's own is lit. It shows the fan of an MDROBOT, which is off.
+        assert_eq!(run.edges(LIGHT, Drive::High).is_empty(), kind == "mdrobot", "{kind}");
+        let alone = ready(&Script::fast().play(&crate::image_of(kind), START));
+        let ms = |at: Nanos| at as f64 / MS as f64;
+        println!(
+            "  {kind:<9} listens at {:5.1} (flashed alone: {:4.1}), answers at {:5.1}",
+            ms(listens),
+            ms(alone),
+            ms(answered)
+        );
+        assert!(listens < 120 * MS, "{kind} listens {listens} ns after the reset");
+    }
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn without_a_choice_that_it_has_it_is_an_md3() {
+    expect_kind("md3", &flash("no-choice", &[]), &uf2());
+    expect_kind("md3", &flash("mdrive", &["qsb-d", "mdrive"]), &uf2());
+    CHIP.with_borrow_mut(|(bytes, _)| bytes[CHOICES[0] as usize..][..2 * SECTOR].fill(0x5A));
+    expect_kind("md3", &stored("other-data"), &uf2());
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn power_that_fails_while_a_kind_is_chosen_leaves_the_old_or_the_new_one() {
+    let mut order = Vec::new();
+    for cut in 0.. {
+        flash("cut", &["qsb-d", "mdrobot"]);
+        let is_done = choose("md3-low", cut);
+        let flash = stored("cut");
+        let mut script = Script::fast();
+        let (request, old) = first("mdrobot");
+        let (other, new) = first("md3-low");
+        script.hear(START, &request);
+        script.hear(START + TURN, &other);
+        let run = script.play_on(&flash, &uf2(), START + 2 * TURN);
+        let is_old = run.sent(START, START + TURN).1 == old;
+        let is_new = run.sent(START + TURN, START + 2 * TURN).1 == new;
+        assert!(is_old != is_new, "cut after {cut} bytes");
+        order.push(is_new);
+        if is_done {
+            break;
+        }
+    }
+    let cuts = order.len();
+    order.dedup();
+    assert_eq!(order, [false, true], "{cuts} cuts");
+    println!("power failed at each of {cuts} bytes that a choice erases and programs");
+    assert!(cuts > 40, "{cuts} cuts");
+}
+
+/// The UF2 with one byte changed in the images of these kinds.
+fn damaged(file: &str, kinds: &[&str]) -> PathBuf {
+    let mut bytes = fs::read(uf2()).expect("the UF2");
+    // Each block of 512 bytes has 256 bytes of the flash, behind its header of 32.
+    let place = |offset: usize| offset / 256 * 512 + 32 + offset % 256;
+    let block = bytes[place(DIRECTORY)..][..Directory::BYTES].to_vec();
+    let directory = Directory::read(&block).expect("a directory");
+    for kind in kinds {
+        let image = directory.find(kind).expect(kind);
+        bytes[place(image.offset as usize + image.bytes as usize / 2)] ^= 0x10;
+    }
+    let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(file);
+    fs::write(&path, bytes).expect("a file is written");
+    path
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn an_image_that_is_not_whole_does_not_start() {
+    let flash = flash("damaged", &["qsb-m"]);
+    expect_kind("qsb-m", &flash, &damaged("others.uf2", &["md3", "qsb-d"]));
+    expect_kind("md3", &flash, &damaged("chosen.uf2", &["qsb-m"]));
+    let run = Script::fast().play_on(&flash, &damaged("both.uf2", &["qsb-m", "md3"]), 3_000 * MS);
+    assert!(
+        matches!(run.did[..], [.., (_, OutputRecord::BootLoader(LIGHT_BIT))]),
+        "the boot loader waits for another UF2: {:?}",
+        run.did
+    );
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn a_new_uf2_keeps_the_choice_and_saved_registers() {
+    let flash = flash("kept", &["md3-low"]);
+    let saves = [(md3::at::USER, 0x1234), (md3::at::EEPROM, 1)];
+    let mut script = Script::fast();
+    write(&mut script, START, &saves);
+    let run = script.play_on(&flash, &uf2(), START + 500 * MS);
+    expect_written(&run, START, &saves);
+    // The emulator puts the UF2 into flash again.
+    let mut script = Script::fast();
+    script.hear(START, &rtu::read(1, md3::at::USER, 1));
+    let run = script.play_on(&flash, &uf2(), START + TURN);
+    assert_eq!(value(&run, START), 0x1234);
+    expect_kind("md3-low", &flash, &uf2());
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn an_image_that_is_flashed_alone_is_its_kind_whatever_was_chosen() {
+    let flash = flash("alone", &["qsb-d"]);
+    expect_kind("qsb-d", &flash, &uf2());
+    expect_kind("md3", &flash, &image());
+    expect_kind("qsb-d", &flash, &uf2());
+}
