@@ -96,6 +96,7 @@ impl<B: Board> StationInputs<B> {
     }
 
     /// Finds the time of the next input. Called after each change.
+    #[inline(never)]
     fn update_due(&mut self) {
         let due = self.events.due().min(self.trains.due()).min(self.receiver.due());
         self.due = self.report.map_or(due, |(at, _)| at.min(due));
@@ -239,6 +240,7 @@ impl<B: Board> StationInputs<B> {
 
     /// The next event of the report, of the queue, of a train or of the cable, which is due. `None` if it is none for the
     /// drive, or if a train has queued it.
+    #[inline(never)]
     fn next_own(&mut self) -> Option<(Instant, BoardEvent)> {
         if self.report.is_some() {
             return self.next_report();

@@ -55,7 +55,7 @@ pub const TRACE: usize = 6_144;
 pub const MOST_EDGES: u64 = 20_000;
 
 /// Number of turns in which a busy drive keeps the station from the cable.
-const PATIENCE: u8 = 16;
+const PATIENCE: u8 = 64;
 
 /// A drive on a board with a cable, and its loop.
 pub struct Station<'a, B: Board, D, M, L, const CHARACTERS: usize, const WIRES: usize> {
