@@ -6,6 +6,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use drivetwin_board::{Choice, Directory, Sectors};
+use drivetwin_control::{Answer, Call, Decoder, FRAME, Hello, Message, Refused, Request, encode};
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::{md3, rs434};
 use embedded_storage_async::nor_flash::NorFlashErrorKind;
@@ -209,6 +210,122 @@ fn power_that_fails_while_a_kind_is_chosen_leaves_the_old_or_the_new_one() {
     assert_eq!(order, [false, true], "{cuts} cuts");
     println!("power failed at each of {cuts} bytes that a choice erases and programs");
     assert!(cuts > 40, "{cuts} cuts");
+}
+
+/// Time from a start until the computer can use the ports of the board's USB cable.
+const PLUGGED: Nanos = 300 * MS;
+/// Time for a call and its reply.
+const CALL: Nanos = 10 * MS;
+
+/// A script of a computer that is there when the board gets power, and makes a call at [`PLUGGED`].
+fn calling(call: Call<'_>) -> Script {
+    let mut script = Script::fast();
+    script.at(0, "usb plug");
+    call_on(&mut script, call);
+    script
+}
+
+/// Lets the computer open the port at [`PLUGGED`], and make a call.
+fn call_on(script: &mut Script, call: Call<'_>) {
+    script.at(PLUGGED, "usb open control");
+    ask(script, PLUGGED + CALL, call);
+}
+
+fn ask(script: &mut Script, at: Nanos, call: Call<'_>) {
+    let mut frame = [0; FRAME];
+    script.send(at, "control", encode(&Request { number: 1, call }, &mut frame).expect("it fits"));
+}
+
+/// Passes the reply to a call at `at` to `judge`.
+fn reply<T>(run: &Run, at: Nanos, judge: impl FnOnce(Result<Answer<'_>, Refused>) -> T) -> T {
+    let mut decoder = Decoder::new();
+    for byte in run.got("control", at, at + CALL) {
+        if let Some(Message::Reply(reply)) = decoder.push(byte) {
+            return judge(reply.answer);
+        }
+    }
+    panic!("no reply at {at} ns: {:?}", run.usb)
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn a_board_names_its_kinds_and_refuses_others() {
+    let flash = flash("names", &[]);
+    for (number, (kind, ..)) in (0..).zip(kinds()) {
+        let run = calling(Call::Kind(number)).play_on(&flash, &uf2(), PLUGGED + 2 * CALL);
+        reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Ok(Answer::Kind(Some(kind)))));
+    }
+    let run = calling(Call::Kind(8)).play_on(&flash, &uf2(), PLUGGED + 2 * CALL);
+    reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Ok(Answer::Kind(None))));
+    let run = calling(Call::Become("mdrive")).play_on(&flash, &uf2(), PLUGGED + 2 * CALL);
+    reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Err(Refused::Unknown)));
+    // An image that was flashed alone.
+    let run = calling(Call::Kind(0)).play(&image(), PLUGGED + 2 * CALL);
+    reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Ok(Answer::Kind(Some("md3")))));
+    let run = calling(Call::Kind(1)).play(&image(), PLUGGED + 2 * CALL);
+    reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Ok(Answer::Kind(None))));
+    let run = calling(Call::Become("qsb-d")).play(&image(), PLUGGED + 2 * CALL);
+    reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Err(Refused::Unknown)));
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn a_kind_that_is_chosen_over_the_cable_starts_at_once_and_after_each_power_on() {
+    let flash = flash("over-the-cable", &[]);
+    let asked = PLUGGED + CALL;
+    let mut script = calling(Call::Become("mdrobot"));
+    // The computer finds the board again.
+    let again = asked + 2 * PLUGGED;
+    script.at(again, "usb open control");
+    ask(&mut script, again + CALL, Call::Hello);
+    let run = script.play_on(&flash, &uf2(), again + 2 * CALL);
+    assert!(run.did.iter().any(|(_, did)| *did == OutputRecord::Watchdog), "{:?}", run.did);
+    reply(&run, again + CALL, |answer| {
+        assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: "mdrobot", .. }))), "{answer:?}");
+    });
+    expect_kind("mdrobot", &flash, &uf2());
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn power_that_fails_while_the_board_stores_a_choice_leaves_the_old_or_the_new_kind() {
+    let older = flash("before-a-choice", &["qsb-d", "md3"]);
+    let mut order = Vec::new();
+    // The first sector is erased, of which 40 bytes change, and a page is programmed, of which 40 bytes change.
+    for cut in (0..41).chain([4_000, 4_095]).chain(4_096..4_137).chain([4_351, 5_000]) {
+        let flash = older.with_file_name("in-a-choice");
+        fs::copy(&older, &flash).expect("a file is copied");
+        let mut script = Script::fast();
+        script.at(0, "usb plug");
+        script.at(0, format_args!("cut {cut}"));
+        call_on(&mut script, Call::Become("mdrobot"));
+        order.push(is_new(&script, cut, &flash));
+    }
+    let cuts = order.len();
+    order.dedup();
+    assert_eq!(order, [false, true], "{cuts} cuts");
+}
+
+/// Plays a choice, and returns whether the board is an MDROBOT at the next power-on. Otherwise it must be an MD3.
+fn is_new(script: &Script, cut: u64, flash: &Path) -> bool {
+    script.play_on(flash, &uf2(), PLUGGED + 60 * CALL);
+    let (request, old) = first("md3");
+    let (other, new) = first("mdrobot");
+    let mut script = Script::fast();
+    script.hear(START, &request);
+    script.hear(START + TURN, &other);
+    let run = script.play_on(flash, &uf2(), START + 2 * TURN);
+    let is_old = run.sent(START, START + TURN).1 == old;
+    let is_new = run.sent(START + TURN, START + 2 * TURN).1 == new;
+    assert!(is_old != is_new, "cut after {cut} bytes");
+    is_new
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn the_boot_loader_starts_over_the_cable() {
+    let run = calling(Call::Bootloader).play(&uf2(), PLUGGED + 300 * CALL);
+    assert!(matches!(run.did[..], [.., (_, OutputRecord::BootLoader(LIGHT_BIT))]), "{:?}", run.did);
 }
 
 /// The UF2 with one byte changed in the images of these kinds.

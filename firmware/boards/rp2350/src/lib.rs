@@ -45,6 +45,7 @@ mod watchdog;
 pub mod wires;
 
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
@@ -71,6 +72,14 @@ static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
 /// The bus sends nothing for a cable.
 pub(crate) const TAP: Option<&Tap> = None;
+
+/// Number of events that were lost because the queue was full; it wraps.
+static LOST: AtomicU32 = AtomicU32::new(0);
+
+/// Counts a lost event. Called in interrupts of one priority, or in a critical section.
+fn lose() {
+    LOST.store(LOST.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+}
 
 /// Reserves memory for `$bytes` bytes of saved registers, into which they are read from flash.
 #[macro_export]
@@ -164,6 +173,10 @@ impl Board for Pico2 {
 
     fn tell_missed() {
         pins::tell_missed();
+    }
+
+    fn lost_inputs() -> u32 {
+        LOST.load(Ordering::Relaxed)
     }
 
     fn feed() {
