@@ -30,6 +30,8 @@ pub(crate) struct StationInputs<B> {
     receiver: Receiver,
     /// Events that are due.
     events: Events,
+    /// Time of the next input that is not one of the hardware.
+    due: Instant,
     /// Report of the state at power-on: its time, and the number of the next fault or pin.
     report: Option<(Instant, u8)>,
     board: BoardInputs<B>,
@@ -66,6 +68,7 @@ impl<B: Board> StationInputs<B> {
             trains: Trains::default(),
             receiver: Receiver::new(),
             events: Events::new(),
+            due: Instant::NEVER,
             report: None,
             board: BoardInputs(PhantomData),
         }
@@ -78,17 +81,25 @@ impl<B: Board> StationInputs<B> {
             self.events.push(now, self.host.change(|host| host.cable = is_open));
         }
         self.receiver.listen(now, cable, line);
+        self.update_due();
     }
 
     /// Reports the present state to a drive that gets power at `at`: first the faults, then the pins.
     pub(crate) fn report(&mut self, at: Instant) {
         self.report = Some((at, 0));
+        self.update_due();
     }
 
     /// Time of the next input of the cable or of a stimulus.
     pub(crate) fn due(&self) -> Instant {
+        self.due
+    }
+
+    /// Finds the time of the next input. Called after each change.
+    #[inline(never)]
+    fn update_due(&mut self) {
         let due = self.events.due().min(self.trains.due()).min(self.receiver.due());
-        self.report.map_or(due, |(at, _)| at.min(due))
+        self.due = self.report.map_or(due, |(at, _)| at.min(due));
     }
 
     /// Notes all inputs up to `now`, for a drive without power.
@@ -121,6 +132,7 @@ impl<B: Board> StationInputs<B> {
         }
         self.trains.end(pin);
         self.events.push(at, self.pins.drive(pin, stimulus));
+        self.update_due();
         Ok(())
     }
 
@@ -139,7 +151,9 @@ impl<B: Board> StationInputs<B> {
             return Err(Refused::OutOfRange);
         }
         let spans = (Duration::from_ticks(period), Duration::from_ticks(high));
-        self.trains.pulse(at + Duration::TICK, &self.pins, pin, count, spans)
+        self.trains.pulse(at + Duration::TICK, &self.pins, pin, count, spans)?;
+        self.update_due();
+        Ok(())
     }
 
     /// Begins to turn an encoder after `at`.
@@ -157,7 +171,9 @@ impl<B: Board> StationInputs<B> {
         if counts == 0 || period == 0 {
             return Err(Refused::OutOfRange);
         }
-        self.trains.turn(at + Duration::TICK, spec, counts, Duration::from_ticks(period))
+        self.trains.turn(at + Duration::TICK, spec, counts, Duration::from_ticks(period))?;
+        self.update_due();
+        Ok(())
     }
 
     /// Sets or clears the cause of a fault at `at`.
@@ -170,6 +186,7 @@ impl<B: Board> StationInputs<B> {
         }
         self.note_fault(fault, on);
         self.events.push(at, Some(BoardEvent::Fault(fault, on)));
+        self.update_due();
         Ok(())
     }
 
@@ -221,6 +238,23 @@ impl<B: Board> StationInputs<B> {
         None
     }
 
+    /// The next event of the report, of the queue, of a train or of the cable, which is due. `None` if it is none for the
+    /// drive, or if a train has queued it.
+    #[inline(never)]
+    fn next_own(&mut self) -> Option<(Instant, BoardEvent)> {
+        if self.report.is_some() {
+            return self.next_report();
+        }
+        if self.due == self.events.due() {
+            return self.events.take();
+        }
+        if self.due == self.trains.due() {
+            self.trains.make(&mut self.pins, &mut self.events);
+            return None;
+        }
+        self.next_character()
+    }
+
     /// The character that arrives now, if the drive hears it.
     fn next_character(&mut self) -> Option<(Instant, BoardEvent)> {
         let (at, character) = self.receiver.take()?;
@@ -236,29 +270,19 @@ impl<B: Board> Inputs for StationInputs<B> {
 
     fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
         loop {
-            if self.report.is_some_and(|(at, _)| at <= until) {
-                if let Some(news) = self.next_report() {
-                    return Some(news);
-                }
-                continue;
-            }
-            let due = self.due();
-            if let Some((at, event)) = self.board.next_event(until.min(due)) {
-                match self.hardware_event(event) {
-                    None => continue,
-                    Some(event) => return Some((at, event)),
+            // The events of the hardware first: a fast encoder has one every few microseconds.
+            while let Some((at, event)) = self.board.next_event(until.min(self.due)) {
+                if let Some(event) = self.hardware_event(event) {
+                    return Some((at, event));
                 }
             }
-            if due > until {
+            if self.due > until {
                 return None;
             }
-            if due == self.events.due() {
-                return self.events.take();
-            }
-            if due == self.trains.due() {
-                self.trains.make(&mut self.pins, &mut self.events);
-            } else if let Some(character) = self.next_character() {
-                return Some(character);
+            let next = self.next_own();
+            self.update_due();
+            if next.is_some() {
+                return next;
             }
         }
     }

@@ -54,7 +54,7 @@ pub const TRACE: usize = 6_144;
 /// Number of edges in a second that all trains of pulses and encoders together may have (BOARD-15).
 pub const MOST_EDGES: u64 = 20_000;
 
-/// Number of turns in which a busy drive keeps the station from a request.
+/// Number of turns in which a busy drive keeps the station from the cable.
 const PATIENCE: u8 = 64;
 
 /// A drive on a board with a cable, and its loop.
@@ -62,7 +62,7 @@ pub struct Station<'a, B: Board, D, M, L, const CHARACTERS: usize, const WIRES: 
     drive: OnStation<'a, B, D, M, L, CHARACTERS, WIRES>,
     cable: B::Cable,
     control: Control,
-    /// Turns since the last request, if the drive is busy.
+    /// Turns since the last look at the cable.
     waited: u8,
 }
 
@@ -111,18 +111,16 @@ where
     pub fn turn(&mut self) {
         B::feed();
         B::Uart::bus().look();
+        let is_busy = self.drive.run();
+        if is_busy && self.waited < PATIENCE {
+            self.waited += 1;
+            return;
+        }
+        self.waited = 0;
         self.cable.poll();
         self.serve_bus();
-        let is_busy = self.drive.run();
-        let mut has_served = false;
-        if !is_busy || self.waited >= PATIENCE {
-            self.waited = 0;
-            let Self { drive, cable, control, .. } = self;
-            has_served = control.serve(cable, drive);
-        }
-        if is_busy {
-            self.waited = self.waited.saturating_add(1);
-        } else if !has_served {
+        let Self { drive, cable, control, .. } = self;
+        if !control.serve(cable, drive) && !is_busy {
             B::sleep_until(self.drive.deadline());
         }
     }

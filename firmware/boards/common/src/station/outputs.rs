@@ -198,6 +198,16 @@ where
         &mut self.trace
     }
 
+    /// Notes an input of the drive.
+    #[inline(never)]
+    fn trace_input(&mut self, at: Instant, input: &Input<'_>) {
+        if !self.has_failed()
+            && let Some(event) = convert::input(input)
+        {
+            self.trace.put(at, &event);
+        }
+    }
+
     /// Notes characters that the drive sends from `at` on.
     fn trace_sent(&mut self, mut at: Instant, port: Port, bytes: &[u8]) {
         if self.trace.is_on() {
@@ -294,12 +304,10 @@ where
         }
     }
 
+    #[inline]
     fn note_input(&mut self, at: Instant, input: &Input<'_>) {
-        if self.trace.is_on()
-            && !self.has_failed()
-            && let Some(event) = convert::input(input)
-        {
-            self.trace.put(at, &event);
+        if self.trace.is_on() {
+            self.trace_input(at, input);
         }
     }
 

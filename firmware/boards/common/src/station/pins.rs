@@ -48,12 +48,13 @@ impl Bits {
     }
 
     fn set(&mut self, pin: Pin, on: bool) {
-        self.0 = if on { self.0 | bit(pin) } else { self.0 & !bit(pin) };
+        let bit = bit(pin);
+        self.0 = if on { self.0 | bit } else { self.0 & !bit };
     }
 }
 
 fn bit(pin: Pin) -> u32 {
-    1_u32.checked_shl(pin.0.into()).unwrap_or(0)
+    if usize::from(pin.0) < MOST { 1 << (pin.0 & 31) } else { 0 }
 }
 
 /// The pins of a drive, as seen from outside.
@@ -106,6 +107,7 @@ impl Pins {
     }
 
     /// Notes an edge that the board reports. Returns `false` if a stimulus hides it from the drive.
+    #[inline]
     pub(crate) fn edge(&mut self, pin: Pin, high: bool) -> bool {
         self.high.set(pin, high);
         self.wired.set(pin, true);
