@@ -574,18 +574,14 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
         self.last_event.max(now - self.state.clock_offset)
     }
 
-    /// Presets a register at the time `now` of the board's clock, as [`Device::poke`] does. Deadlines up to `now` come
-    /// before it.
+    /// Presets a register at the time `now` of the board's clock, as [`Device::poke`] does. A caller that wants it behind
+    /// all that is due before `now` [polls](Self::poll) until nothing is.
     ///
     /// # Errors
     /// As [`Device::poke`].
     pub fn poke(&mut self, now: Instant, row: usize, value: i64) -> Result<(), PresetError> {
-        let at = self.drive_time(now);
-        let is_on = self.due < Instant::NEVER;
-        let result = self.device.poke(at, row, value, &mut self.state);
-        if is_on {
-            self.last_event = at;
-        }
+        self.last_event = self.drive_time(now);
+        let result = self.device.poke(self.last_event, row, value, &mut self.state);
         self.due = self.device.deadline();
         result
     }

@@ -25,6 +25,7 @@
 //   1000.0 usb bus 01 03 00   it sends bytes to the port `bus`, or to `control`
 //   1000.0 usb line 9600 8E1  it sets the line of the port `bus`
 //   1000.0 usb open bus       a program opens a port, or `close`s it
+//   1000.0 usb clear bus      it ends a halt of the port's endpoints: the numbers of packets begin again
 //   1000.0 usb garbage        the computer makes requests that make no sense
 //   9000.0 end                the last line
 //

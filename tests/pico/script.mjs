@@ -17,6 +17,10 @@ const USB = {
     const name = check(port, PORT);
     return (usb) => usb.open(name);
   },
+  clear: ([port]) => {
+    const name = check(port, PORT);
+    return (usb) => usb.clear(name);
+  },
   close: ([port]) => {
     const name = check(port, PORT);
     return (usb) => usb.close(name);

@@ -159,6 +159,18 @@ export class UsbHost {
     });
   }
 
+  /** Ends a halt of a port's endpoints, as drivers do to begin anew: the numbers of packets begin with DATA0 (9.4.5). */
+  clear(name) {
+    const port = this.port(name);
+    if (!port) return;
+    for (const [pipe, direction] of [[port.input, 0x80], [port.output, 0]]) {
+      this.control.queue({
+        setup: setup(2, REQUEST.clearFeature, 0, pipe.endpoint | direction, 0),
+        done: (reply) => (reply ? (pipe.number = 0) : this.say(`refused to clear endpoint ${pipe.endpoint}`)),
+      });
+    }
+  }
+
   /** Sends requests that make no sense, and says which of them the device refuses. */
   garbage() {
     for (const text of GARBAGE) {

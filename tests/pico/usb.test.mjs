@@ -246,3 +246,21 @@ test('a device that cannot be configured is tried three times', () => {
   assert.equal(failures.length, 3);
   assert.equal(device.resets, 4);
 });
+
+test('the numbers of packets begin again when a halt is ended', () => {
+  const { host, device, errors, heard, run } = plugged();
+  device.waiting[2] = [[1]];
+  host.open('bus');
+  host.send('bus', [2]);
+  run(2 * MS);
+  device.numbers = {};
+  host.clear('bus');
+  run(2 * MS);
+  assert.deepEqual(device.requests.slice(-2), ['0201000082000000', '0201000002000000']);
+  device.waiting[2].push([3]);
+  host.send('bus', [4]);
+  run(2 * MS);
+  assert.deepEqual(heard.map(([, , bytes]) => bytes), [[1], [3]]);
+  assert.deepEqual(device.got[2], [[2], [4]]);
+  assert.deepEqual(errors, []);
+});

@@ -28,7 +28,7 @@ const HAL_SIM: [&str; 19] = [
 ];
 
 /// Modules of `host/src`, lowest first.
-const HOST: [&str; 15] = [
+const HOST: [&str; 16] = [
     "options",
     "clock",
     "boot_loader",

@@ -124,10 +124,10 @@ impl<P: StepDir> StepGenerator<P> {
         self.forward = false;
     }
 
-    /// Ends all motion at once, with DIR low. STEP is low between two calls.
+    /// Ends all motion at once, at position 0 of a new [`PlanLoader`], with DIR low. STEP is low between two calls.
     pub fn halt(&mut self) {
         self.steps = StepIterator::done();
-        (self.next, self.unplanned_steps) = (NO_STEP, 0);
+        (self.next, self.planned_steps, self.unplanned_steps) = (NO_STEP, 0, 0);
         self.forward = false;
         self.pins.set_direction(false);
         self.schedule();
@@ -518,6 +518,22 @@ mod tests {
         }
         timer.run(u64::MAX - 1);
         assert_eq!(timer.position(), 1);
+    }
+
+    #[test]
+    fn after_a_halt_a_plan_from_position_0_begins_without_a_skew() {
+        let mut timer = Timer::new(0);
+        let plan = Plan::at_rest(at(0), 0).ramp_to(at(0), I24F8::from_num(10_000), MAX_ACCELERATION);
+        PlanLoader::new().load(&mut timer, &plan);
+        timer.run(1_600_000);
+        timer.stepper.halt();
+        let plan = Plan::at_rest(at(1_600_000), 0);
+        assert_eq!(
+            PlanLoader::new().load(&mut timer, &plan),
+            HandOff { step_skew: 0, delay: Duration::ZERO }
+        );
+        let plan = Plan::profile(at(1_700_000), 0, 3, Limits::even(U24F8::from_num(100), 1_000));
+        assert_eq!(PlanLoader::new().load(&mut timer, &plan).step_skew, 0);
     }
 
     #[test]

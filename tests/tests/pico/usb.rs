@@ -153,6 +153,29 @@ fn senseless_requests_change_nothing() {
 
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
+fn the_numbers_of_packets_begin_again_when_a_halt_is_ended() {
+    // After an odd and an even number of packets, and while a packet waits for a port that is closed.
+    let mut script = opened();
+    let mut sent = Vec::new();
+    for n in 0..4 {
+        let at = READY + n * 10 * MS;
+        script.send(at + MS, "bus", &[n as u8; 10]);
+        sent.extend([n as u8; 10]);
+        script.at(at + 5 * MS, "usb clear bus");
+    }
+    script.at(READY + 50 * MS, "usb close bus");
+    script.at(READY + 51 * MS, "usb clear bus");
+    script.at(READY + 60 * MS, "usb open bus");
+    script.send(READY + 61 * MS, "bus", &bytes(1_000));
+    sent.extend(bytes(1_000));
+    let end = READY + 80 * MS;
+    let run = script.play(&echo(), end);
+    assert_eq!(run.got("bus", READY, end), sent);
+    assert!(!run.usb.iter().any(|(_, what)| what.contains("refused")), "{:?}", run.usb);
+}
+
+#[test]
+#[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn a_cable_that_is_pulled_in_the_middle_of_anything_leaves_a_clean_device() {
     // In the middle of transfers of the ports, at several instants of a packet; and in the middle of requests.
     for (n, pulled) in (0..).zip([0, 7, 20, 33, 50, 64, 80, 1_300]) {

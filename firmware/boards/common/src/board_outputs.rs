@@ -49,6 +49,8 @@ impl<B, P: Release, M, T: Timer, const PINS: usize, L> BoardOutputs<B, P, M, T, 
         }
         if self.axis_pins != AxisPins::None {
             let _ = self.axis.with(|stepper, _| stepper.halt());
+            // The drive forgets its position, and steps that slipped before mean nothing to it.
+            let _ = slips::untold();
         }
         self.loader = PlanLoader::new();
     }

@@ -1,5 +1,7 @@
 //! Events that are due, in the order of their times.
 
+use core::mem;
+
 use drivetwin_firmware::device::Instant;
 use drivetwin_firmware::shell::BoardEvent;
 use heapless::Vec;
@@ -30,6 +32,9 @@ impl Events {
 
     /// Takes the first event.
     pub(crate) fn take(&mut self) -> Option<(Instant, BoardEvent)> {
-        if self.0.is_empty() { None } else { Some(self.0.remove(0)) }
+        let first = self.0.first().copied();
+        let mut stays = false;
+        self.0.retain(|_| mem::replace(&mut stays, true));
+        first
     }
 }

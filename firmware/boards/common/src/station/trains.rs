@@ -145,9 +145,7 @@ impl Trains {
                 events.push(due, pins.drive(pin, level(!pins.is_high(pin))));
             }
         }
-        if is_over {
-            self.0.swap_remove(place);
-        }
+        self.0.retain(|train| train.left > 0);
     }
 }
 
