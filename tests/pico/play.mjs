@@ -48,7 +48,8 @@
 //   usb gone                  the board has disconnected itself, for example by a reset
 //   usb not configured        the script wants what needs a configured device; nothing happens
 //   usb 80 06 …: refused      a senseless request, and how many bytes there were for it; or that it was refused
-//   usb failed …              the computer could not use the device, and tries again or gives up
+//   usb failed …              the computer could not use the device, and tries again
+//   usb unusable              it has tried three times, and gives up
 //   error …                   what the chip would not bear; the CPU stops, or takes its hard fault. `error usb …`: what no
 //                             USB device may do
 //   warning …                 what rp2040js does not know; said once

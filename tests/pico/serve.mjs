@@ -69,6 +69,10 @@ class Cable {
       else this.listen();
     }
     if (what === 'failed' || what === 'gone') console.error(`pico: usb ${line}`);
+    if (what === 'unusable') {
+      console.error('error: the computer cannot use the USB device');
+      process.exit(1);
+    }
   }
 
   /** Gives a client what its port sends. */

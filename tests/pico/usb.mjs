@@ -251,6 +251,7 @@ export class UsbHost {
       this.say(`failed ${problem}`);
       yield { wait: DEBOUNCE };
     }
+    this.say('unusable');
   }
 
   /** @private Returns what went wrong, if anything did. */

@@ -244,6 +244,7 @@ test('a device that cannot be configured is tried three times', () => {
   }
   const failures = said.filter((line) => line === 'failed the configuration descriptor');
   assert.equal(failures.length, 3);
+  assert.equal(said.at(-1), 'unusable');
   assert.equal(device.resets, 4);
 });
 

@@ -5,6 +5,7 @@ use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::md3::at;
@@ -275,6 +276,8 @@ fn ports_at_full_load_delay_no_pulse() {
 #[test]
 #[ignore = "needs the emulator and the image of the board: `cargo xtask test` brings both"]
 fn serve_has_both_ports_on_tcp() {
+    /// Longest time in which this machine gets an answer from the board.
+    const PATIENCE: Option<Duration> = Some(Duration::from_secs(60));
     let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("pico/serve.mjs");
     let mut serve = Command::new("node");
     serve.arg(program).arg(echo()).arg("--usb").stdin(Stdio::piped()).stdout(Stdio::piped());
@@ -287,12 +290,14 @@ fn serve_has_both_ports_on_tcp() {
     let (bus, control) = ports.and_then(|ports| ports.split_once(", control ")).expect("two addresses");
 
     let mut control = TcpStream::connect(control).expect("it listens");
+    control.set_read_timeout(PATIENCE).expect("a time");
     control.write_all(&bytes(1_000)).expect("it reads");
     let mut got = vec![0; 1_000];
     control.read_exact(&mut got).expect("an echo");
     assert_eq!(got, bytes(1_000));
 
     let mut bus = TcpStream::connect(bus).expect("it listens");
+    bus.set_read_timeout(PATIENCE).expect("a time");
     // IAC DO COM-PORT-OPTION is among what the server says first; SET-BAUDRATE has an answer (RFC 2217, 3).
     let mut first = [0; 18];
     bus.read_exact(&mut first).expect("options");
