@@ -12,6 +12,7 @@ import { connectFlash } from './qspi.mjs';
 import { CALL, ROM, bits, isValidBoot2 } from './rom.mjs';
 import { Timer } from './timer.mjs';
 import { Pl011 } from './uart.mjs';
+import { Regulator } from './vreg.mjs';
 import { UsbController } from './usbctrl.mjs';
 
 const RAM = 0x20000000;
@@ -91,6 +92,7 @@ export class Chip extends RP2040 {
     const sysinfo = this.peripherals[0x40000];
     const { readUint32: readInfo } = sysinfo;
     sysinfo.readUint32 = (offset) => (offset ? readInfo.call(sysinfo, offset) : CHIP_ID);
+    const regulator = (this.peripherals[0x40064] = new Regulator(this));
     this.watchdog = this.peripherals[0x40058];
     this.watchdog.onWatchdogTrigger = () => {
       if (this.peripherals[0x40010].wdsel & PROC0) board.reset('watchdog');
@@ -105,6 +107,7 @@ export class Chip extends RP2040 {
     this.clkSys = this.clocks.sysFreq;
     this.cycleNanos = 1e9 / this.clkSys;
     this.addClockListener((hz) => {
+      if (hz > regulator.mostHz) inProgram(`the core has too low a voltage for ${hz / 1e6} MHz`);
       this.cycleNanos = 1e9 / hz;
       // Whole ns again, so that 8 ns cycles stay exact.
       board.clock.advanceTo(Math.ceil(board.clock.nanos));

@@ -290,3 +290,15 @@ hardfault:
   assert.deepEqual(said.map(([, line]) => line), ['error hard fault at 0x10000202']);
   assert.equal(word(0), 9);
 });
+
+test('the core needs 1.15 V for more than 133 MHz (2.15.3)', () => {
+  const at200 = AT_125_MHZ.replace('movs    r0, #125', 'movs    r0, #100').replace('0x00062000', '0x00061000');
+  const at115 = `
+        ldr     r1, =0x40064000
+        movs    r0, #0xc1
+        str     r0, [r1]
+`;
+  const errors = (source) => run(`main: ${source}\nstop:   b       stop`, 2 * MS).said.filter(([, line]) => /error/.test(line));
+  assert.match(errors(at200)[0]?.[1] ?? '', /too low a voltage for 200 MHz/);
+  assert.deepEqual(errors(at115 + at200), []);
+});

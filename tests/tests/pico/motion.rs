@@ -35,9 +35,9 @@ fn steps(plan: &Plan) -> Vec<u64> {
 const TICKS: u64 = 16;
 
 /// Error of the request's timestamp, and the least and greatest delay of the pulses, in ns. The plan starts
-/// at the tick `due` if the timestamp of the request's last character is exact. The timestamp is up to 5 µs later, in
-/// whole µs. The plan's instants are rounded to the Pico's microsecond.
-fn lateness(rises: &[Nanos], steps: &[u64], due: u64) -> (Nanos, i64, i64) {
+/// at the tick `due` if the timestamp of the request's last character is exact. The timestamp is from 1 µs earlier, because
+/// the Pico's clock does not begin with that of the emulator, to 5 µs later, in whole µs. The plan's instants are rounded to the Pico's microsecond.
+fn lateness(rises: &[Nanos], steps: &[u64], due: u64) -> (i64, i64, i64) {
     assert_eq!(rises.len(), steps.len(), "every step is made, and no other");
     let late = |start: u64| {
         let late = rises.iter().zip(steps).map(move |(&rise, &step)| {
@@ -46,7 +46,8 @@ fn lateness(rises: &[Nanos], steps: &[u64], due: u64) -> (Nanos, i64, i64) {
         });
         late.fold((i64::MAX, i64::MIN), |(least, most), late| (least.min(late), most.max(late)))
     };
-    let starts = (0..6).map(|n| (n * US, due + n * TICKS));
+    let starts = (0..7).map(|n| (n as i64 - 1, due + n * TICKS - TICKS));
+    let starts = starts.map(|(micros, start)| (micros * US as i64, start));
     let (error, (least, most)) = starts
         .map(|(error, start)| (error, late(start)))
         .filter(|(_, (least, _))| *least >= 0)

@@ -56,7 +56,7 @@ const PACKET: usize = 64;
 const ENDPOINTS: usize = 5;
 
 /// Cycles of the processor until the controller, at 48 MHz, has seen a control word (4.1.2.5.1).
-const SEEN: u32 = 12;
+const SEEN: u32 = 20;
 
 /// The controller. It keeps nearly all of its state in its own memory.
 pub(crate) struct Controller {

@@ -67,6 +67,8 @@ pub(crate) struct Pins {
     wired: Bits,
     /// Pins that have had a stimulus.
     used: Bits,
+    /// Pins whose stimulus hides the wire.
+    hidden: Bits,
     stimuli: [Stimulus; MOST],
 }
 
@@ -77,7 +79,14 @@ impl Pins {
         for (place, pin) in (0..).zip(spec.pins) {
             high.set(Pin(place), pin.idle != Level::Low);
         }
-        Self { spec, high, wired: Bits::default(), used: Bits::default(), stimuli: [Stimulus::Wire; MOST] }
+        Self {
+            spec,
+            high,
+            wired: Bits::default(),
+            used: Bits::default(),
+            hidden: Bits::default(),
+            stimuli: [Stimulus::Wire; MOST],
+        }
     }
 
     /// All pins.
@@ -101,17 +110,18 @@ impl Pins {
         if let Some(place) = self.stimuli.get_mut(usize::from(pin.0)) {
             *place = stimulus;
             self.used.set(pin, true);
+            self.hidden.set(pin, stimulus != Stimulus::Wire);
         }
         let now = self.seen(pin);
         (now != before).then(|| now.event(pin))
     }
 
     /// Notes an edge that the board reports. Returns `false` if a stimulus hides it from the drive.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn edge(&mut self, pin: Pin, high: bool) -> bool {
         self.high.set(pin, high);
         self.wired.set(pin, true);
-        self.stimulus(pin) == Stimulus::Wire
+        !self.hidden.has(pin)
     }
 
     /// Signal that the drive reads.
