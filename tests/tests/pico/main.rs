@@ -1,13 +1,13 @@
 //! The Pico's image in the exact virtual time of its emulator: behaviour of a board's serial line, step timer
 //! and flash that a bench cannot show.
 //!
-//! `cargo xtask test` builds the images, sets `DRIVETWIN_IMAGES` to their folder and `DRIVETWIN_UF2` to the UF2 with all of them, and
-//! runs these tests. The
-//! pins are those of firmware/boards/rp2040/README.md, typed by hand.
+//! `cargo xtask test` builds the images, sets `DRIVETWIN_IMAGES` to their folder and `DRIVETWIN_UF2` to the
+//! UF2 with all of them, and runs these tests. The pins are those of firmware/boards/rp2040/README.md, typed by hand.
 #![allow(missing_docs, reason = "a test")]
 
 mod kinds;
 mod line;
+mod load;
 mod memory;
 mod motion;
 mod pins;

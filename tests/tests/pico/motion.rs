@@ -12,12 +12,12 @@ use object::{Object, ObjectSymbol};
 use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script, US};
 use crate::{CHARACTER, START, TURN, image, pin, value, write};
 
-const STEPS: u32 = 12_000;
-const SPEED: u32 = 40_000;
-const ACCELERATION: u32 = 400_000;
+pub(crate) const STEPS: u32 = 12_000;
+pub(crate) const SPEED: u32 = 40_000;
+pub(crate) const ACCELERATION: u32 = 400_000;
 
 /// Registers of the move (7.16, 7.17, 7.19).
-const MOVE: [(u16, u16); 6] = [
+pub(crate) const MOVE: [(u16, u16); 6] = [
     (at::MOVE_STEPS, (STEPS >> 16) as u16),
     (at::MOVE_STEPS + 1, STEPS as u16),
     (at::SPEED, (SPEED >> 16) as u16),
@@ -27,7 +27,7 @@ const MOVE: [(u16, u16); 6] = [
 ];
 
 /// Instants of the steps of a plan, in ticks since its start.
-fn steps(plan: &Plan) -> Vec<u64> {
+pub(crate) fn steps(plan: &Plan) -> Vec<u64> {
     StepIterator::new(plan, plan.start()).map(|step| step.at.since(plan.start()).ticks()).collect()
 }
 
@@ -37,7 +37,7 @@ const TICKS: u64 = 16;
 /// Error of the request's timestamp, and the least and greatest delay of the pulses, in ns. The plan starts
 /// at the tick `due` if the timestamp of the request's last character is exact. The timestamp is from 1 µs earlier, because
 /// the Pico's clock does not begin with that of the emulator, to 5 µs later, in whole µs. The plan's instants are rounded to the Pico's microsecond.
-fn lateness(rises: &[Nanos], steps: &[u64], due: u64) -> (i64, i64, i64) {
+pub(crate) fn lateness(rises: &[Nanos], steps: &[u64], due: u64) -> (i64, i64, i64) {
     assert_eq!(rises.len(), steps.len(), "every step is made, and no other");
     let late = |start: u64| {
         let late = rises.iter().zip(steps).map(move |(&rise, &step)| {
@@ -59,7 +59,7 @@ fn lateness(rises: &[Nanos], steps: &[u64], due: u64) -> (i64, i64, i64) {
 /// Tick at which the drive accepts a request. The stop bit of the request's first character ends at
 /// `asked`; the drive accepts the request 4.5 characters after its eighth character, in ticks of 1/16 µs
 /// (PROJECT-2, PROJECT-3).
-fn taken(asked: Nanos) -> u64 {
+pub(crate) fn taken(asked: Nanos) -> u64 {
     (asked + 7 * CHARACTER).div_ceil(US) * TICKS + 64_166 + 18_333
 }
 

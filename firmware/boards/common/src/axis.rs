@@ -42,6 +42,12 @@ impl<T: Timer> Axis<T> {
         self.lend(|stepper| set::<T>(stepper.fire()));
     }
 
+    /// Looks at the step generator. The timer keeps its time, so this masks interrupts for less time than
+    /// [`with`](StepTimer::with).
+    pub fn look<R>(&self, look: impl FnOnce(&StepGenerator<T::Pins>) -> R) -> Option<R> {
+        self.lend(|stepper| look(stepper))
+    }
+
     fn lend<R>(&self, act: impl FnOnce(&mut StepGenerator<T::Pins>) -> R) -> Option<R> {
         critical_section::with(|cs| {
             self.0.borrow(cs).try_borrow_mut().ok().map(|mut stepper| act(&mut stepper))

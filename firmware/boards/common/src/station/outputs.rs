@@ -5,7 +5,7 @@ use drivetwin_control::{Event, Motion, Statistics};
 use drivetwin_firmware::device::{
     self, AxisSpec, Duration, Input, Instant, Level, Line, Output, Pin, Plan, Port, Role, Shaft, Spec,
 };
-use drivetwin_firmware::motion::StepTimer;
+use drivetwin_firmware::motion::StepGenerator;
 use drivetwin_firmware::shell::{Links, Outputs};
 use embedded_storage::{ReadStorage, Storage};
 
@@ -172,7 +172,7 @@ where
         if !self.is_on {
             return Level::Float;
         }
-        let is_forward = self.outputs.axis.with(|stepper, _| stepper.is_forward()).unwrap_or_default();
+        let is_forward = self.outputs.axis.look(StepGenerator::is_forward).unwrap_or_default();
         self.driven.level(pin, is_forward)
     }
 
@@ -181,7 +181,7 @@ where
         if self.spec.axes.is_empty() {
             return None;
         }
-        let pulses = self.outputs.axis.with(|stepper, _| stepper.pulses()).unwrap_or_default();
+        let pulses = self.outputs.axis.look(StepGenerator::pulses).unwrap_or_default();
         Some(match shaft.filter(|_| self.is_on) {
             Some(shaft) => of_shaft(shaft, pulses),
             None => self.commanded.motion(at, pulses),
