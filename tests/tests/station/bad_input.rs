@@ -105,7 +105,7 @@ fn any_call() -> impl Strategy<Value = Call<'static>> {
         Just(Stimulus::Wire),
         any::<i32>().prop_map(Stimulus::Millivolts),
     ];
-    let power = prop_oneof![Just(Power::Off), Just(Power::On), Just(Power::Cycle), Just(Power::Cut)];
+    let power = proptest::sample::select(&[Power::Off, Power::On, Power::Cycle, Power::Cut, Power::Keep]);
     let small = 0..40_u8;
     prop_oneof![
         Just(Call::Hello),
