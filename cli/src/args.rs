@@ -200,17 +200,18 @@ pub(crate) struct Attach {
     /// repeat
     #[arg(long, value_name = "NAME")]
     pub(crate) allow_host: Vec<String>,
-    /// Address of the drive's bus, for the banner and for programs: serial:DEVICE or tcp:HOST:PORT [default: the other
-    /// port of the board's USB cable]
+    /// Address of the drive's bus, for the banner and for programs: serial:DEVICE, tcp:HOST:PORT or rfc2217:HOST:PORT
+    /// [default: the other port of the board's USB cable]
     #[arg(long, value_name = "URI")]
     pub(crate) bus: Option<Uri>,
     /// Record a trace to FILE while it runs
     #[arg(long, value_name = "FILE.trace")]
     pub(crate) record: Option<PathBuf>,
-    /// Write waveforms of pins, motion and messages to FILE while it runs (VCD, for GTKWave)
+    /// Write waveforms of pins, motion and messages to FILE while it runs (VCD, for GTKWave); a slow disk or a slow
+    /// reader of a pipe delays the control API
     #[arg(long, value_name = "FILE.vcd")]
     pub(crate) vcd: Option<PathBuf>,
-    /// Write the frames of the bus to FILE while it runs (pcapng, for Wireshark)
+    /// Write the frames of the bus to FILE while it runs (pcapng, for Wireshark); a slow reader delays the control API
     #[arg(long, value_name = "FILE.pcapng")]
     pub(crate) pcap: Option<PathBuf>,
     /// Print one line of JSON to stdout when ready, and nothing else

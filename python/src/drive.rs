@@ -114,7 +114,9 @@ impl Drive {
         let name = self.port_name(port)?;
         self.uris(port)?.into_iter().next().ok_or_else(|| {
             let how = match self.shared.board() {
-                Some(_) => "drivetwin.attach takes bus='serial:DEVICE' or bus='tcp:HOST:PORT'",
+                Some(_) => {
+                    "drivetwin.attach takes bus='serial:DEVICE', 'tcp:HOST:PORT' or 'rfc2217:HOST:PORT'"
+                }
                 None => "drivetwin.run gives it one",
             };
             Error::new_err(format!("{name} of {} has no address; {how}", self.name))

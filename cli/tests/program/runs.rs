@@ -68,6 +68,10 @@ fn an_error_in_options_is_one_sentence() {
             vec!["run", "md3", "--listen", "rfc2217://127.0.0.1:1"],
             "rfc2217: takes HOST:PORT, like rfc2217:127.0.0.1:5020",
         ),
+        (
+            vec!["attach", "tcp:127.0.0.1:1", "--bus", "stdio:"],
+            "it takes serial:DEVICE, tcp:HOST:PORT or rfc2217:HOST:PORT",
+        ),
         (vec!["run", "md3", "--listen", "rfc2217:203.0.113.1:0"], "cannot listen at rfc2217:203.0.113.1:0"),
         (
             vec!["run", "mdrive", "--listen", "rfc2217:127.0.0.1:0"],

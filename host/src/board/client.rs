@@ -8,6 +8,7 @@
 use std::collections::VecDeque;
 use std::io;
 use std::mem;
+use std::ops::ControlFlow;
 use std::os::fd::OwnedFd;
 use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -327,7 +328,7 @@ impl Connected {
             if let Message::Events(of) = message {
                 take_events(session, of, latest, next_event, &mut events);
             }
-            let Some((number, answer)) = reply(&message) else { return };
+            let Some((number, answer)) = reply(&message) else { return ControlFlow::Continue(()) };
             if let Ok(Answered::State(state)) = &answer {
                 restarted |= state.at < *at;
                 (*at, *stated) = (state.at, wall());
@@ -339,6 +340,7 @@ impl Connected {
             {
                 let _ = to.send(answer);
             }
+            ControlFlow::Continue(())
         })?;
         if restarted {
             return Err(io::Error::other("it has started again"));

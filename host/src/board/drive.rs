@@ -138,8 +138,8 @@ impl Drive {
         Ok(kinds)
     }
 
-    /// Makes the drive a new one: with an erased memory, without causes of faults and stimuli at its pins, and with these
-    /// registers. Saved registers are preset as if saved before power-on, the others after it. The power is on afterwards.
+    /// Makes the drive a new one: with an erased memory, without a cut of its power to come, causes of faults and stimuli at
+    /// its pins, and with these registers. Saved registers are preset as if saved before power-on, the others after it. The power is on afterwards.
     ///
     /// # Errors
     /// The drive refuses a register, or the board cannot be reached.
@@ -148,6 +148,7 @@ impl Drive {
         let row = |preset: &Preset| spec.registers.rows.get(preset.row);
         let is_saved = |preset: &&Preset| row(preset).is_some_and(|row| row.saved != 0);
         self.act(Call::Power(Power::Off))?;
+        self.act(Call::Power(Power::Keep))?;
         for (number, _) in (0..).zip(spec.faults) {
             self.act(Call::Fault { fault: number, on: false })?;
         }

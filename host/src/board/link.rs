@@ -1,6 +1,7 @@
 //! A control port that is open: messages over a stream of bytes.
 
 use std::io;
+use std::ops::{ControlFlow, Range};
 use std::os::fd::OwnedFd;
 use std::time::{Duration, Instant as WallInstant};
 
@@ -18,7 +19,9 @@ const WRITTEN: Duration = Duration::from_secs(1);
 pub(super) struct Link {
     port: OwnedFd,
     decoder: Decoder,
+    /// Bytes that have come, and the part of them that is not decoded.
     bytes: Vec<u8>,
+    unread: Range<usize>,
 }
 
 impl Link {
@@ -27,7 +30,7 @@ impl Link {
     /// # Errors
     /// The port takes nothing.
     pub(super) fn new(port: OwnedFd) -> io::Result<Self> {
-        let link = Self { port, decoder: Decoder::new(), bytes: vec![0; 4_096] };
+        let link = Self { port, decoder: Decoder::new(), bytes: vec![0; 4_096], unread: 0..0 };
         // A zero byte ends what another program may have begun.
         link.write(&[0])?;
         Ok(link)
@@ -38,29 +41,34 @@ impl Link {
     /// # Errors
     /// The system cannot wait.
     pub(super) fn wait(&self, waker: &OwnedFd, span: Duration) -> io::Result<()> {
+        let span = if self.unread.is_empty() { span } else { Duration::ZERO };
         let mut both = [PollFd::new(&self.port, PollFlags::IN), PollFd::new(waker, PollFlags::IN)];
         wait(&mut both, span)
     }
 
-    /// Takes what has come, and calls `take` with each message.
+    /// Takes what has come, and calls `take` with each message, until it returns [`ControlFlow::Break`]. The messages behind
+    /// that one are taken by the next call.
     ///
     /// # Errors
     /// The port is closed, or gone.
-    pub(super) fn read(&mut self, mut take: impl FnMut(Message<'_>)) -> io::Result<()> {
-        let Self { port, decoder, bytes } = self;
-        match rustix::io::read(&*port, bytes.as_mut_slice()) {
-            Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
-            Ok(count) => {
-                bytes[..count].iter().for_each(|&byte| {
-                    if let Some(message) = decoder.push(byte) {
-                        take(message);
-                    }
-                });
-                Ok(())
-            }
-            Err(Errno::AGAIN | Errno::INTR) => Ok(()),
-            Err(error) => Err(error.into()),
+    pub(super) fn read(&mut self, mut take: impl FnMut(Message<'_>) -> ControlFlow<()>) -> io::Result<()> {
+        let Self { port, decoder, bytes, unread } = self;
+        if Range::is_empty(unread) {
+            *unread = match rustix::io::read(&*port, bytes.as_mut_slice()) {
+                Ok(0) => return Err(io::ErrorKind::UnexpectedEof.into()),
+                Ok(count) => 0..count,
+                Err(Errno::AGAIN | Errno::INTR) => return Ok(()),
+                Err(error) => return Err(error.into()),
+            };
         }
+        for place in unread {
+            if let Some(message) = decoder.push(bytes[place])
+                && take(message).is_break()
+            {
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// Writes bytes.
@@ -86,7 +94,7 @@ impl Link {
         Ok(())
     }
 
-    /// Makes a call, and waits for its answer until `until`. Events that come meanwhile are ignored.
+    /// Makes a call, and waits for its answer until `until`. Events that come before the answer are ignored.
     ///
     /// # Errors
     /// The board refuses the call, or does not answer.
@@ -101,7 +109,8 @@ impl Link {
         loop {
             let mut answer = None;
             self.read(|message| {
-                answer = answer.take().or(reply(&message).filter(|(other, _)| *other == number));
+                answer = reply(&message).filter(|(other, _)| *other == number);
+                if answer.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             })
             .map_err(away)?;
             if let Some((_, answer)) = answer {

@@ -290,6 +290,30 @@ fn missing_messages_and_lost_events_are_reported() {
 }
 
 #[test]
+fn no_event_behind_the_first_state_is_lost() {
+    let mut is_first = true;
+    let fake = Fake::new(
+        move |_, number, call| {
+            let mut bytes = usual(number, call, 16_000_000);
+            if matches!(call, Call::State) && std::mem::take(&mut is_first) {
+                // The computer gets both at once.
+                bytes.extend(events(0, 16_000_016, &[(0, Event::Edge(0, false))]));
+            }
+            Act::Send(bytes)
+        },
+        1,
+    );
+    let (board, reports) = fake.attached();
+    let event = reports.iter().find_map(|report| match report {
+        Report::Events(events) => events.into_iter().next(),
+        _ => None,
+    });
+    let edge = InputRecord::Edge { pin: drivetwin_firmware::device::Pin(0), high: false };
+    assert_eq!(event.unwrap().1, Entry::Input(edge));
+    drop(board);
+}
+
+#[test]
 fn refusals_are_sentences() {
     let fake = Fake::new(
         |_, number, call| {

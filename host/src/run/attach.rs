@@ -53,6 +53,7 @@ const DELAY: Duration = Duration::millis(500);
 /// One sentence that names the place, the option or the file, and the error.
 pub fn attach(options: AttachOptions) -> Result<Running, String> {
     let AttachOptions { place, bus, control, allow_host, record, vcd, pcap, recorded } = options;
+    check_bus(bus.as_ref())?;
     let is_read = control != Control::Off || recorded;
     let control = reserve_control(&control)?;
     let files = OutputFiles::open(&RunOptions { record, vcd, pcap, ..RunOptions::default() }, &[])?;
@@ -85,6 +86,19 @@ pub fn attach(options: AttachOptions) -> Result<Running, String> {
     let mut event_loop = EventLoop::new(bench, ports, TimeMode::Manual, files, inbox);
     event_loop.follow_board();
     Ok(Running { event_loop, lender, banner, memories: Vec::new(), api, boards })
+}
+
+/// Checks that the address of the drive's bus is one that masters can open.
+///
+/// # Errors
+/// It is an address that only a drive of this program could have.
+fn check_bus(bus: Option<&Uri>) -> Result<(), String> {
+    match bus {
+        Some(uri @ (Uri::Pty(_) | Uri::Stdio)) => Err(format!(
+            "--bus {uri} is not where the bus of a board can be; it takes serial:DEVICE, tcp:HOST:PORT or rfc2217:HOST:PORT"
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Address of the drive's bus for masters: the option, or the port at the same USB cable.

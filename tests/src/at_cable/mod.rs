@@ -152,6 +152,11 @@ impl Rig {
         hardware::read(port)
     }
 
+    /// Makes the computer take only one packet at each read of a port.
+    pub fn take_slowly(&mut self, port: CablePort) {
+        hardware::take_slowly(port);
+    }
+
     /// Number of bytes that the board has not taken from a port.
     #[must_use]
     pub fn untaken(&self, port: CablePort) -> usize {

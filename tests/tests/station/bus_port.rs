@@ -169,12 +169,31 @@ fn characters_that_nobody_reads_are_counted_and_the_drive_goes_on() {
     let (sent, unread) = (rig.sent().len() as u32, rig.unread(CablePort::Bus) as u32);
     let lost = statistics(&mut rig).lost_characters;
     assert!(lost > 1_000, "{lost} of {sent}");
-    // In the tap are 256.
-    assert_eq!(lost + unread + 256, sent);
+    // In the tap are 256, and 63 in a packet.
+    assert_eq!(lost + unread + 256 + 63, sent);
     // A closed port is a line that nobody listens to.
     rig.open(CablePort::Bus, false);
     rig.run_for(Duration::secs(1));
     assert_eq!(statistics(&mut rig).lost_characters - lost, 0);
+}
+
+#[test]
+fn a_computer_that_takes_few_packets_gets_all_characters() {
+    let mut rig = Rig::new("qsb-m", true);
+    rig.run_for(Duration::millis(200));
+    rig.read_bus();
+    rig.take_slowly(CablePort::Bus);
+    let (begin, mut read) = (rig.sent().len(), Vec::new());
+    // A stream of 17 characters each 1/512 s. The computer takes one packet in a millisecond.
+    rig.write(CablePort::Bus, b"W0C0001\rS0E\r");
+    for _ in 0..600 {
+        rig.run_for(Duration::millis(1));
+        read.extend(rig.read_bus());
+    }
+    assert!(read.len() > 4_000, "{}", read.len());
+    assert_eq!(statistics(&mut rig).lost_characters, 0);
+    let sent: Vec<u8> = rig.sent().into_iter().skip(begin).map(|(_, byte)| byte).collect();
+    assert!(sent.starts_with(&read));
 }
 
 #[test]

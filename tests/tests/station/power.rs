@@ -173,6 +173,21 @@ fn power_fails_in_the_middle_of_a_save_as_on_the_bench() {
 }
 
 #[test]
+fn a_cut_is_taken_back() {
+    let mut rig = Rig::new("md3", true);
+    rig.run_for(Duration::millis(10));
+    // Off and on do not end a cut that has not happened, as on the bench.
+    for (action, reply) in [(Power::Keep, &rtu::write(1, 0x1A, 1)[..]), (Power::Cycle, &[])] {
+        power(&mut rig, Power::Cut);
+        power(&mut rig, action);
+        rig.run_for(Duration::millis(10));
+        preset(&mut rig, "AccelDecel", 5_000);
+        assert_eq!(ask(&mut rig, &rtu::write(1, 0x1A, 1)), reply, "{action:?}");
+        assert_eq!(state(&mut rig).powered, !reply.is_empty(), "{action:?}");
+    }
+}
+
+#[test]
 fn a_drive_with_two_copies_keeps_the_old_values_in_a_power_cut() {
     let mut rig = Rig::new("mdrobot", true);
     rig.run_for(Duration::millis(10));

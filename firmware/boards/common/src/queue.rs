@@ -33,14 +33,6 @@ impl<T, const N: usize> Queue<T, N> {
         self.with(|queue| if is(queue.front()?) { queue.pop_front() } else { None })
     }
 
-    /// The first item, which stays.
-    pub fn first(&self) -> Option<T>
-    where
-        T: Copy,
-    {
-        self.with(|queue| queue.front().copied())
-    }
-
     /// Number of waiting items.
     pub fn len(&self) -> usize {
         self.with(|queue| Some(queue.len())).unwrap_or(N)

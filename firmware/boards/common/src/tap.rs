@@ -50,11 +50,6 @@ impl Tap {
         self.characters.len().saturating_sub(if sends { INSIDE } else { 0 })
     }
 
-    /// The first character.
-    pub(crate) fn first(&self) -> Option<u8> {
-        self.characters.first()
-    }
-
     /// Takes the first character.
     pub(crate) fn take(&self) -> Option<u8> {
         self.characters.pop()

@@ -139,6 +139,8 @@ pub enum Power {
     Cycle,
     /// Fails in the middle of the next save, and stays off.
     Cut,
+    /// Does not fail in the next save: takes back [`Cut`](Self::Cut).
+    Keep,
 }
 
 /// Reply to the request with the same number.

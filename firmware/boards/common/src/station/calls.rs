@@ -210,7 +210,8 @@ where
                 self.power_off(now);
                 self.power_on(now);
             }
-            Power::Cut => self.shell.outputs().cut(),
+            Power::Cut => self.shell.outputs().set_cut(true),
+            Power::Keep => self.shell.outputs().set_cut(false),
         }
     }
 

@@ -12,6 +12,7 @@
 //! |---|---|
 //! | `inputs` | inputs of the hardware, of the cable and of stimuli, in the order of their times |
 //! | `receiver` | characters from the cable, and their times |
+//! | `packet` | characters for the cable |
 //! | `pins` | signals at the pins, of wires and of stimuli |
 //! | `trains` | trains of pulses, turning encoders |
 //! | `events` | events that are due |
@@ -29,6 +30,7 @@ mod events;
 mod inputs;
 mod motion;
 mod outputs;
+mod packet;
 mod pins;
 mod receiver;
 mod trace;
@@ -43,6 +45,7 @@ use self::control::Control;
 use self::events::Events;
 use self::inputs::StationInputs;
 use self::outputs::StationOutputs;
+use self::packet::Packet;
 use crate::board::{Board, wire_outputs};
 use crate::bus::Uart;
 use crate::cable::{Cable, CablePort};
@@ -62,6 +65,7 @@ pub struct Station<'a, B: Board, D, M, L, const CHARACTERS: usize, const WIRES: 
     drive: OnStation<'a, B, D, M, L, CHARACTERS, WIRES>,
     cable: B::Cable,
     control: Control,
+    packet: Packet,
     /// Turns since the last look at the cable.
     waited: u8,
 }
@@ -96,7 +100,7 @@ where
             StationOutputs::new(spec, wire_outputs::<B, _, _, WIRES>(spec, wires, memory, links), ring);
         let shell = Shell::new(drive, StationInputs::new(spec), outputs);
         let drive = OnStation { shell, boot, is_on: false };
-        Self { drive, cable: B::cable(), control: Control::new(), waited: 0 }
+        Self { drive, cable: B::cable(), control: Control::new(), packet: Packet::new(), waited: 0 }
     }
 
     /// Switches the power of the drive on, and enables the interrupts.
@@ -133,19 +137,16 @@ where
 
     /// Passes characters between the cable and the drive.
     fn serve_bus(&mut self) {
-        let Self { drive, cable, .. } = self;
+        let Self { drive, cable, packet, .. } = self;
         let line = drive.shell.outputs().line();
         drive.shell.inputs().listen(B::past(), cable, line);
         let Some(tap) = B::Uart::tap() else { return };
         tap.look();
-        let is_read = cable.is_open(CablePort::Bus) && cable.line() == Some(line);
-        let mut count = tap.count(B::Uart::bus().sends());
-        while let Some(character) = tap.first().filter(|_| count > 0) {
-            if is_read && cable.write(CablePort::Bus, &[character]) == 0 {
-                break;
-            }
-            tap.take();
-            count -= 1;
+        packet.fill(tap, B::Uart::bus().sends());
+        if cable.is_open(CablePort::Bus) && cable.line() == Some(line) {
+            packet.send(cable);
+        } else {
+            packet.clear();
         }
     }
 }

@@ -147,9 +147,9 @@ where
         }
     }
 
-    /// Makes the power fail in the middle of the next store.
-    pub(crate) fn cut(&mut self) {
-        self.cut = Cut::Armed;
+    /// Makes the power fail in the middle of the next store, or no longer.
+    pub(crate) fn set_cut(&mut self, on: bool) {
+        self.cut = if on { Cut::Armed } else { Cut::No };
     }
 
     /// Returns true if the power has failed in a store.
