@@ -71,7 +71,7 @@ pub(crate) enum Command {
         /// File of an assembled program (see `drivetwin asm`)
         file: PathBuf,
     },
-    /// Copy an image of every kind of drive to a board in its boot loader, or say what to press
+    /// Copy an image of every kind of drive to a board, whose boot loader is started, or say what to press
     Flash(Flash),
     /// Print docs/reference/cli.md
     #[command(hide = true)]
@@ -117,6 +117,10 @@ pub(crate) struct Flash {
     /// Image for the board [default: drivetwin-pico.uf2 that came with the program]
     #[arg(long, value_name = "FILE.uf2")]
     pub(crate) image: Option<PathBuf>,
+    /// Board that runs a drive and shall start its boot loader: the path of its control port, usb:SERIAL for a USB serial
+    /// number, or tcp:HOST:PORT [default: the only board that is plugged in, if none is in its boot loader]
+    #[arg(long = "board", value_name = "DEVICE")]
+    pub(crate) device: Option<BoardPlace>,
 }
 
 /// Boards that `drivetwin flash` knows.

@@ -647,10 +647,10 @@ impl ReasonSpec {
 }
 
 /// True if drives report reasons. Nothing on a board shows them, so an image has neither their texts nor the code
-/// that finds them.
+/// that finds them, and no other text for users.
 pub(crate) const REPORTS_REASONS: bool = cfg!(any(test, feature = "reasons"));
 
-/// The reasons or errors of a drive, if drives report reasons.
+/// Texts about a drive, if drives report reasons.
 pub(crate) const fn reported<T>(texts: &'static [T]) -> &'static [T] {
     if REPORTS_REASONS { texts } else { &[] }
 }
@@ -687,7 +687,7 @@ pub struct Spec {
     pub faults: &'static [&'static str],
     /// Size of the non-volatile memory in bytes.
     pub memory: u16,
-    /// Registers of all variants of the product.
+    /// Registers of all variants of the product. Without the feature `reasons` the table has no rows, only their entries.
     pub registers: &'static Table,
     /// Bit of this variant, as in [`Entry::variants`](drivetwin_protocol::registers::Entry::variants).
     pub variant: u8,
@@ -697,7 +697,7 @@ pub struct Spec {
     pub prefix: &'static str,
     /// Values of writes, if the rows alone do not tell them. Without the feature `reasons` there are none.
     pub writes: Option<&'static Writes>,
-    /// Commands, if the rows alone do not list them.
+    /// Commands, if the rows alone do not list them. Without the feature `reasons` there are none.
     pub commands: &'static [CommandSpec],
     /// Row of the bus address.
     pub address: Option<usize>,
@@ -717,7 +717,8 @@ pub struct Spec {
     pub last_error: Option<usize>,
     /// The only reason of Modbus exception 04; empty if there are several, and without the feature `reasons`.
     pub failure: &'static str,
-    /// Limits of the model, for users, except those that a row of `registers` or `commands` states.
+    /// Limits of the model, for users, except those that a row of `registers` or `commands` states. Without the
+    /// feature `reasons` there are none.
     pub not_modelled: &'static [&'static str],
 }
 

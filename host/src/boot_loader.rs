@@ -5,7 +5,8 @@ use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use crate::clock;
+use crate::options::BoardPlace;
+use crate::{board, clock};
 
 /// Name of the file with all kinds of drive, as `cargo xtask uf2` writes it.
 const IMAGE: &str = "drivetwin-pico.uf2";
@@ -125,8 +126,8 @@ pub struct Places {
     pub labels: PathBuf,
     /// Folder with a folder for each mounted disk, as macOS has it.
     pub volumes: PathBuf,
-    /// Folder with a folder for each USB device, as Linux has it.
-    pub usb: PathBuf,
+    /// Folder with a folder for each serial port, as Linux has it.
+    pub ports: PathBuf,
 }
 
 impl Default for Places {
@@ -135,23 +136,83 @@ impl Default for Places {
             mounts: "/proc/self/mounts".into(),
             labels: "/dev/disk/by-label".into(),
             volumes: "/Volumes".into(),
-            usb: "/sys/bus/usb/devices".into(),
+            ports: board::PORTS.into(),
         }
     }
 }
 
 impl Places {
-    /// Disk of the only Pico that is in its boot loader.
+    /// Disk of a Pico's boot loader, which a board that runs a drive is asked to start: the board at a place, or without a
+    /// place the only one that is plugged in, if no Pico is in its boot loader. `asked` is called with the place of the board
+    /// that was asked. The disk must come within 10 s.
     ///
     /// # Errors
-    /// One sentence that says what to do: press a button, mount a disk, unplug a board.
-    pub fn find(&self) -> Result<Disk, String> {
+    /// One sentence that says what to do: name a board, press a button, mount a disk, unplug a board.
+    pub fn disk(&self, board: Option<&BoardPlace>, asked: impl FnOnce(&str)) -> Result<Disk, String> {
+        self.disk_with(board, asked, || clock::sleep(PAUSE))
+    }
+
+    fn disk_with(
+        &self,
+        board: Option<&BoardPlace>,
+        asked: impl FnOnce(&str),
+        mut pause: impl FnMut(),
+    ) -> Result<Disk, String> {
+        let place = match (self.find()?, board) {
+            (Some(disk), None) => return Ok(disk),
+            (Some(disk), Some(_)) => {
+                let folder = disk.folder.display();
+                return Err(format!(
+                    "a Pico is in its boot loader already, at {folder}: leave out --board, or unplug that Pico"
+                ));
+            }
+            (None, Some(place)) => place.clone(),
+            (None, None) => self.running_board()?,
+        };
+        let place = board::start_boot_loader(&self.ports, &place);
+        let place = place.map_err(|why| format!("{why}; to flash it, unplug it, and {BOOTSEL}"))?;
+        asked(&place);
+        // At first the disk may be there, but not mounted.
+        let mut found = Ok(None);
+        for _ in 0..LOOKS {
+            found = self.find();
+            if let Ok(Some(disk)) = found {
+                return Ok(disk);
+            }
+            pause();
+        }
+        found?;
+        Err(format!(
+            "the disk of the boot loader of the board at {place} does not come: unplug it, and {BOOTSEL}"
+        ))
+    }
+
+    /// The only board that is plugged in.
+    ///
+    /// # Errors
+    /// One sentence: there is none, or there are several.
+    fn running_board(&self) -> Result<BoardPlace, String> {
+        match &board::plugged(&self.ports)[..] {
+            [] => Err(format!("no Pico is in its boot loader: {BOOTSEL}")),
+            [serial] => Ok(BoardPlace::Usb(serial.clone())),
+            several => Err(format!(
+                "several boards are plugged in: usb:{}; name one of them with --board",
+                several.join(", usb:")
+            )),
+        }
+    }
+
+    /// Disk of the only Pico that is in its boot loader; `None` if there is no boot loader.
+    ///
+    /// # Errors
+    /// One sentence that says what to do: mount a disk, unplug a board.
+    fn find(&self) -> Result<Option<Disk>, String> {
         let disks: Vec<(Disk, String)> =
             self.disks().into_iter().filter_map(|disk| disk.board().map(|board| (disk, board))).collect();
         let mut picos: Vec<&Disk> =
             disks.iter().filter(|(_, board)| board == PICO).map(|(disk, _)| disk).collect();
         if let (Some(pico), true) = (picos.pop(), picos.is_empty()) {
-            return Ok(pico.clone());
+            return Ok(Some(pico.clone()));
         }
         if !picos.is_empty() {
             return Err(format!(
@@ -174,14 +235,7 @@ impl Places {
                  {device}`, and try again"
             ));
         }
-        Err(match self.running_board() {
-            Some(serial) => {
-                format!(
-                    "no Pico is in its boot loader; the board usb:{serial} runs a drive: unplug it, and {BOOTSEL}"
-                )
-            }
-            None => format!("no Pico is in its boot loader: {BOOTSEL}"),
-        })
+        Ok(None)
     }
 
     /// All disks that can be those of boot loaders.
@@ -198,17 +252,6 @@ impl Places {
         });
         let volumes = fs::read_dir(&self.volumes).into_iter().flatten().flatten();
         mounted.chain(volumes.map(|volume| Disk { folder: volume.path(), device: None })).collect()
-    }
-
-    /// Serial number of a board with an image of drivetwin.
-    fn running_board(&self) -> Option<String> {
-        let mut devices = fs::read_dir(&self.usb).ok()?.flatten();
-        devices.find_map(|device| {
-            let text =
-                |name| fs::read_to_string(device.path().join(name)).ok().map(|text| text.trim().to_owned());
-            let is_board = text("idVendor")? == "1209" && text("idProduct")? == "0001";
-            (is_board && text("manufacturer")? == "drivetwin").then(|| text("serial"))?
-        })
     }
 }
 
@@ -321,7 +364,12 @@ fn copy(bytes: &[u8], file: &Path, mut report: impl FnMut(usize, bool)) -> io::R
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc;
+
+    use drivetwin_control::{Answer, Call, Hello, Refused};
+
     use super::*;
+    use crate::board::tests::{Act, Fake, answer, hello};
 
     /// A folder of this test, which is removed at its end.
     struct Scratch(PathBuf);
@@ -343,9 +391,21 @@ mod tests {
 
         /// Places in this folder.
         fn places(&self) -> Places {
-            let [mounts, labels, volumes, usb] =
-                ["mounts", "labels", "Volumes", "usb"].map(|name| self.0.join(name));
-            Places { mounts, labels, volumes, usb }
+            let [mounts, labels, volumes, ports] =
+                ["mounts", "labels", "Volumes", "tty"].map(|name| self.0.join(name));
+            Places { mounts, labels, volumes, ports }
+        }
+
+        /// The control port of a board.
+        fn port(&self, name: &str, serial: &str) {
+            let device = format!("usb/{serial}");
+            for (file, content) in [("idVendor", "1209"), ("idProduct", "0001"), ("serial", serial)] {
+                self.file(&format!("{device}/{file}"), content);
+            }
+            let interface = self.file(&format!("{device}/1-1:1.2/interface"), "drivetwin control\n");
+            let port = self.0.join("tty").join(name);
+            fs::create_dir_all(&port).unwrap();
+            std::os::unix::fs::symlink(interface.parent().unwrap(), port.join("device")).unwrap();
         }
 
         /// A mounted disk of a boot loader.
@@ -360,6 +420,8 @@ mod tests {
             let _ = fs::remove_dir_all(&self.0);
         }
     }
+
+    const HOLD: &str = "hold its button BOOTSEL while you plug it into USB";
 
     /// A UF2, typed from the specification, with the family of an RP2040.
     fn uf2(count: u8) -> Vec<u8> {
@@ -431,33 +493,34 @@ mod tests {
         let escaped = folder.display().to_string().replace(' ', "\\040");
         scratch.file("mounts", format!("proc /proc proc rw 0 0\n/dev/sdx1 {escaped} vfat rw,nosuid 0 0\n"));
         let disk = Disk { folder, device: Some("/dev/sdx1".into()) };
-        assert_eq!(scratch.places().find(), Ok(disk));
+        assert_eq!(scratch.places().find(), Ok(Some(disk)));
 
         let scratch = Scratch::new("volume");
         let folder = scratch.disk("Volumes/RPI-RP2", PICO);
         fs::create_dir_all(scratch.0.join("Volumes/Macintosh HD")).unwrap();
-        assert_eq!(scratch.places().find(), Ok(Disk { folder, device: None }));
+        let disk = Disk { folder, device: None };
+        assert_eq!(scratch.places().find(), Ok(Some(disk.clone())));
+        // No board is asked.
+        assert_eq!(scratch.places().disk(None, |place| panic!("{place} was asked")), Ok(disk));
     }
 
     #[test]
     fn without_the_disk_it_is_said_what_to_do() {
         let scratch = Scratch::new("none");
         let places = scratch.places();
-        let hold = "hold its button BOOTSEL while you plug it into USB";
-        assert_eq!(places.find(), Err(format!("no Pico is in its boot loader: {hold}")));
+        assert_eq!(places.find(), Ok(None));
+        let disk = || places.disk(None, |place| panic!("{place} was asked")).unwrap_err();
+        assert_eq!(disk(), format!("no Pico is in its boot loader: {HOLD}"));
 
-        // Another device, and a board with drivetwin.
-        for (port, vendor) in [("1-1", "0403"), ("1-2", "1209")] {
-            scratch.file(&format!("usb/{port}/idVendor"), format!("{vendor}\n"));
-            scratch.file(&format!("usb/{port}/idProduct"), "0001\n");
-            scratch.file(&format!("usb/{port}/manufacturer"), "drivetwin\n");
-            scratch.file(&format!("usb/{port}/serial"), format!("E66{vendor}\n"));
-        }
+        // A board that is unplugged in this moment.
+        scratch.port("ttyACM9731", "E661");
+        let said = disk();
+        assert!(said.starts_with("/dev/ttyACM9731 (usb:E661) cannot be opened: "), "{said}");
+        assert!(said.ends_with(&format!("; to flash it, unplug it, and {HOLD}")), "{said}");
+        scratch.port("ttyACM9733", "E662");
         assert_eq!(
-            places.find(),
-            Err(format!(
-                "no Pico is in its boot loader; the board usb:E661209 runs a drive: unplug it, and {hold}"
-            ))
+            disk(),
+            "several boards are plugged in: usb:E661, usb:E662; name one of them with --board"
         );
 
         let device = scratch.file("labels/RPI-RP2", "");
@@ -487,6 +550,97 @@ mod tests {
             places.find(),
             Err("2 boards are in their boot loaders: leave one of them plugged in".to_owned())
         );
+    }
+
+    /// A board that runs a drive, and takes the call that starts its boot loader in this way.
+    fn running(bootloader: impl Fn(u16) -> Act + Send + 'static) -> Fake {
+        let act = move |_, number, call: Call<'_>| match call {
+            // Tables of another version, as those of a board that must be flashed.
+            Call::Hello => Act::Send(answer(number, Ok(Answer::Hello(Hello { tables: 1, ..hello("md3") })))),
+            Call::Bootloader => bootloader(number),
+            _ => panic!("{call:?} is not needed"),
+        };
+        Fake::new(act, 1)
+    }
+
+    #[test]
+    fn a_board_that_runs_a_drive_starts_its_boot_loader() {
+        let scratch = Scratch::new("started");
+        let (starts, started) = mpsc::channel();
+        let board = running(move |_| {
+            starts.send(()).unwrap();
+            Act::Hang
+        });
+        let (mut asked, mut looks) = (Vec::new(), 0);
+        let disk = scratch.places().disk_with(
+            Some(&board.place),
+            |place| asked.push(place.to_owned()),
+            || {
+                looks += 1;
+                match looks {
+                    // The disk is there, but not yet mounted.
+                    2 => drop(scratch.file("labels/RPI-RP2", "")),
+                    4 => drop(scratch.disk("Volumes/RPI-RP2", PICO)),
+                    _ => {}
+                }
+            },
+        );
+        assert_eq!(disk, Ok(Disk { folder: scratch.0.join("Volumes/RPI-RP2"), device: None }));
+        let BoardPlace::Tcp(address) = &board.place else { panic!("{:?}", board.place) };
+        assert_eq!((asked, looks), (vec![format!("tcp:{address}")], 4));
+        assert_eq!(started.try_recv(), Ok(()));
+
+        // A second board would be confused with the first one.
+        let said = scratch.places().disk(Some(&board.place), |_| ()).unwrap_err();
+        let folder = scratch.0.join("Volumes/RPI-RP2");
+        let expected = "leave out --board, or unplug that Pico";
+        let expected = format!("a Pico is in its boot loader already, at {}: {expected}", folder.display());
+        assert_eq!(said, expected);
+    }
+
+    #[test]
+    fn a_boot_loader_whose_disk_does_not_come_is_reported() {
+        let scratch = Scratch::new("waits");
+        for (label, told) in [
+            (None, format!(" does not come: unplug it, and {HOLD}")),
+            (Some("labels/RPI-RP2"), ", and try again".to_owned()),
+        ] {
+            let board = running(|number| Act::Send(answer(number, Ok(Answer::Done))));
+            let mut looks = 0;
+            let said = scratch.places().disk_with(
+                Some(&board.place),
+                |_| (),
+                || {
+                    looks += 1;
+                    if let (Some(label), 7) = (label, looks) {
+                        scratch.file(label, "");
+                    }
+                },
+            );
+            let said = said.unwrap_err();
+            assert!(said.starts_with("the disk of the boot loader") && said.ends_with(&told), "{said}");
+            assert_eq!(looks, 100);
+        }
+    }
+
+    #[test]
+    fn a_board_that_does_not_start_its_boot_loader_is_reported_at_once() {
+        let scratch = Scratch::new("refuses");
+        let ask = |board: &Fake| {
+            let never = || panic!("nothing is waited for");
+            scratch.places().disk_with(Some(&board.place), |_| never(), never).unwrap_err()
+        };
+        let said = ask(&running(|number| Act::Send(answer(number, Err(Refused::NotHere)))));
+        let told = format!(" has no boot loader that it can start; to flash it, unplug it, and {HOLD}");
+        assert!(said.starts_with("the board at tcp:127.0.0.1:") && said.ends_with(&told), "{said}");
+
+        let other = |_, number, _: Call<'_>| {
+            Act::Send(answer(number, Ok(Answer::Hello(Hello { version: 9, ..hello("md3") }))))
+        };
+        let said = ask(&Fake::new(other, 1));
+        assert!(said.contains(" has version 9 of the control protocol, and this drivetwin has 1;"), "{said}");
+        let said = ask(&Fake::new(|_, _, _| Act::Send(Vec::new()), 1));
+        assert!(said.starts_with("there is no board at tcp:127.0.0.1:"), "{said}");
     }
 
     #[test]

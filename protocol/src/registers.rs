@@ -10,6 +10,8 @@
 use core::marker::PhantomData;
 use core::ops::{Deref, Range};
 
+use crate::modbus::rtu;
+
 /// The word with the lower address, in a value of several words.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub enum Order {
@@ -585,13 +587,18 @@ pub struct AddressRange {
     offset: u16,
 }
 
+/// True if a [`Table`] has its rows. No board needs their texts, so an image does not have them.
+const HAS_ROWS: bool = cfg!(feature = "rows");
+
 /// A whole register map.
 #[derive(Debug)]
 pub struct Table {
-    /// Rows, in the manual's order.
+    /// Rows, in the manual's order; none without the feature `rows`.
     pub rows: &'static [Row],
     /// The part of the rows that the bus and the drive need.
     pub entries: &'static Entries,
+    /// A number for the names of the rows: it differs if a row has been added, moved or renamed.
+    pub names: u16,
 }
 
 impl Deref for Table {
@@ -630,13 +637,24 @@ pub struct Named {
 
 impl Table {
     /// A map without rows.
-    pub const EMPTY: Self = Self { rows: &[], entries: &Entries::new(&[], Layout::HighFirst, &[], &[]) };
+    pub const EMPTY: Self = Self::new(&[], &Entries::new(&[], Layout::HighFirst, &[], &[]));
+
+    /// The map of these rows and their entries.
+    #[must_use]
+    pub const fn new(rows: &'static [Row], entries: &'static Entries) -> Self {
+        let (mut names, mut rest) = (0_u16, rows);
+        while let [row, more @ ..] = rest {
+            names = names.rotate_left(1) ^ rtu::crc(row.name.as_bytes());
+            rest = more;
+        }
+        Self { rows: if HAS_ROWS { rows } else { &[] }, entries, names }
+    }
 
     /// The same map with other rows, which have the same shapes and addresses. For a variant of a product
     /// with other factory values.
     #[must_use]
     pub const fn with_rows(&self, rows: &'static [Row]) -> Self {
-        Self { rows, ..*self }
+        Self::new(rows, self.entries)
     }
 
     /// The row `name`, or the high or low word of a row if `name` ends in `High` or `Low`.
@@ -1191,7 +1209,7 @@ macro_rules! registers {
             const TABLE: &'static $crate::registers::Table = {
                 static ROWS: [$crate::registers::Row; $Reg::ROWS.len()] = $Reg::ROWS;
                 static TABLE: $crate::registers::Table =
-                    $crate::registers::Table { rows: &ROWS, entries: $Reg::ENTRIES };
+                    $crate::registers::Table::new(&ROWS, $Reg::ENTRIES);
                 &TABLE
             };
 

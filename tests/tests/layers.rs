@@ -31,7 +31,6 @@ const HAL_SIM: [&str; 19] = [
 const HOST: [&str; 16] = [
     "options",
     "clock",
-    "boot_loader",
     "describe",
     "rs_programs",
     "nv_file",
@@ -39,6 +38,7 @@ const HOST: [&str; 16] = [
     "live_file",
     "ports",
     "board",
+    "boot_loader",
     "streams",
     "event_loop",
     "lender",

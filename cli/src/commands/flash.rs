@@ -1,4 +1,4 @@
-//! `drivetwin flash`: copies an image to a board in its boot loader.
+//! `drivetwin flash`: copies an image to the boot loader of a board.
 
 use drivetwin_host::boot_loader::{Image, Places};
 
@@ -13,7 +13,10 @@ use super::print;
 pub(crate) fn flash(options: &Flash) -> Result<(), String> {
     let Board::Pico = options.board;
     let image = Image::read(options.image.as_deref())?;
-    let disk = Places::default().find()?;
+    let disk = Places::default().disk(options.device.as_ref(), |place| {
+        // The copy goes on, also if nobody reads.
+        let _ = print(&format!("the board at {place} starts its boot loader\n"));
+    })?;
     let size = image.size();
     print(&format!("{} ({size} bytes) to {}\n", image.path().display(), disk.folder().display()))?;
     let mut quarters = 0;

@@ -29,7 +29,7 @@ pub use self::registers::{Reg, line, motion_control};
 use self::registers::{Version, io_port};
 use crate::device::{
     Axis, AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, reported,
 };
 use crate::memory;
 
@@ -118,7 +118,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
         reasons: reasons::REASONS,
         rules: Some(&RULES),
-        not_modelled: &NOT_MODELLED,
+        not_modelled: reported(&NOT_MODELLED),
         ..Spec::EMPTY
     }
 }

@@ -27,7 +27,7 @@ use self::mcode::console::note_lost_input;
 pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
-    PortSpec, PresetError, Role, Spec, Writes,
+    PortSpec, PresetError, Role, Spec, Writes, reported,
 };
 
 const MODBUS: Port = Port(0);
@@ -168,8 +168,8 @@ const fn spec(
         errors: error::TEXTS,
         last_error: Some(Reg::ER as usize),
         not_modelled: match model {
-            Model::Plus => NOT_MODELLED.split_at(NOT_MODELLED.len() - OF_HYBRID).0,
-            Model::Hybrid => &NOT_MODELLED,
+            Model::Plus => reported(NOT_MODELLED.split_at(NOT_MODELLED.len() - OF_HYBRID).0),
+            Model::Hybrid => reported(&NOT_MODELLED),
         },
         ..Spec::EMPTY
     }

@@ -382,5 +382,5 @@ static ROWS_HYBRID: [Row; Reg::ROWS.len()] = {
 pub(super) static TABLE_HYBRID: Table = {
     static LIST: [Entry; Reg::ROWS.len()] = entries(&ROWS_HYBRID);
     static ENTRIES: Entries = Reg::ENTRIES.with_list(&LIST);
-    Table { rows: &ROWS_HYBRID, entries: &ENTRIES }
+    Table::new(&ROWS_HYBRID, &ENTRIES)
 };

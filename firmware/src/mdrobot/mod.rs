@@ -28,7 +28,7 @@ use self::drive::Drive;
 pub use self::registers::Pid;
 use crate::device::{
     AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes, reported,
 };
 use crate::memory;
 use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
@@ -129,7 +129,7 @@ static MD400: Spec = Spec {
     ],
     memory: MEMORY as u16,
     registers: Pid::TABLE,
-    commands: &command::COMMANDS,
+    commands: reported(&command::COMMANDS),
     decimal: true,
     prefix: "PID_",
     writes: WRITES.reported(),
@@ -137,7 +137,7 @@ static MD400: Spec = Spec {
     supply: Some(Pid::VOLT_IN as usize),
     reasons: reasons::REASONS,
     rules: Some(&RULES),
-    not_modelled: &NOT_MODELLED,
+    not_modelled: reported(&NOT_MODELLED),
     ..Spec::EMPTY
 };
 

@@ -29,7 +29,7 @@ pub use self::registers::Reg;
 use self::registers::{D, M, S, Variant};
 use crate::device::{
     Axis, AxisSpec, Boot, Context, Device, DropReason, EncoderSpec, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes,
+    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes, reported,
 };
 use crate::memory;
 
@@ -106,7 +106,7 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
         variant: variant.bit,
         writes: if variant.motor { None } else { WITHOUT_MOTOR.reported() },
         reasons: reasons::REASONS,
-        not_modelled: &NOT_MODELLED,
+        not_modelled: reported(&NOT_MODELLED),
         ..Spec::EMPTY
     }
 }

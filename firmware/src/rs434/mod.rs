@@ -33,7 +33,7 @@ use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, LogEvent, Output, Pin,
-    PinSpec, Port, PortSpec, PresetError, REPORTS_REASONS, Role, Spec,
+    PinSpec, Port, PortSpec, PresetError, REPORTS_REASONS, Role, Spec, reported,
 };
 use crate::memory;
 use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
@@ -122,7 +122,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         reasons: reasons::REASONS,
         rules: Some(&RULES),
         failure: if REPORTS_REASONS { "a user program is running, so no program can be saved" } else { "" },
-        not_modelled: &NOT_MODELLED,
+        not_modelled: reported(&NOT_MODELLED),
         ..Spec::EMPTY
     }
 }

@@ -204,7 +204,7 @@ pub(super) static TABLE_434546: Table = {
     static ROWS: [Row; Reg::ROWS.len()] = ROWS_434546;
     static LIST: [Entry; Reg::ROWS.len()] = entries(&ROWS_434546);
     static ENTRIES: Entries = Reg::ENTRIES.with_list(&LIST);
-    Table { rows: &ROWS, entries: &ENTRIES }
+    Table::new(&ROWS, &ENTRIES)
 };
 
 /// Index of the row of each word of the bank.

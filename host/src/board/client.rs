@@ -472,24 +472,7 @@ impl Worker {
 /// # Errors
 /// One sentence: there is no board of this version of drivetwin.
 fn open(target: &mut Target, number: u64, (base, last): End) -> Result<(Link, Session, State), String> {
-    let port = target.open();
-    let link = port.and_then(Link::new);
-    let mut link = link.map_err(|error| format!("{target} cannot be opened: {error}"))?;
-    let mut hello = None;
-    for attempt in 1..=ATTEMPTS {
-        match link.ask(number_of(Call::Hello), Call::Hello, wall() + GREETED) {
-            Ok(Answered::Hello(of)) => {
-                hello = Some(of);
-                break;
-            }
-            Ok(_) | Err(Failure::Refused(_)) => {}
-            Err(Failure::Away(why)) if attempt == ATTEMPTS => {
-                return Err(format!("there is no board at {target}: {why}"));
-            }
-            Err(Failure::Away(_)) => {}
-        }
-    }
-    let hello = hello.ok_or_else(|| format!("there is no board at {target}: it answers something else"))?;
+    let (mut link, hello) = greet(target)?;
     let spec = check(target, &hello)?;
     let mut ask = |call| match link.ask(number_of(call), call, wall() + PATIENCE) {
         Ok(answered) => Ok(answered),
@@ -511,6 +494,48 @@ fn open(target: &mut Target, number: u64, (base, last): End) -> Result<(Link, Se
     Ok((link, Session { number, spec, image, fast_boot, line, base, began }, state))
 }
 
+/// Opens the control port, and learns what board is there.
+///
+/// # Errors
+/// One sentence: there is no board.
+fn greet(target: &mut Target) -> Result<(Link, Hello), String> {
+    let port = target.open();
+    let link = port.and_then(Link::new);
+    let mut link = link.map_err(|error| format!("{target} cannot be opened: {error}"))?;
+    let mut hello = None;
+    for attempt in 1..=ATTEMPTS {
+        match link.ask(number_of(Call::Hello), Call::Hello, wall() + GREETED) {
+            Ok(Answered::Hello(of)) => {
+                hello = Some(of);
+                break;
+            }
+            Ok(_) | Err(Failure::Refused(_)) => {}
+            Err(Failure::Away(why)) if attempt == ATTEMPTS => {
+                return Err(format!("there is no board at {target}: {why}"));
+            }
+            Err(Failure::Away(_)) => {}
+        }
+    }
+    let hello = hello.ok_or_else(|| format!("there is no board at {target}: it answers something else"))?;
+    Ok((link, hello))
+}
+
+/// Starts the boot loader of a board.
+///
+/// # Errors
+/// One sentence: there is no board, or it does not start a boot loader.
+pub(super) fn start_boot_loader(target: &mut Target) -> Result<(), String> {
+    let (mut link, hello) = greet(target)?;
+    same_version(target, &hello)?;
+    match link.ask(number_of(Call::Bootloader), Call::Bootloader, wall() + PATIENCE) {
+        Err(Failure::Refused(_)) => {
+            Err(format!("the board at {target} has no boot loader that it can start"))
+        }
+        // The connection breaks when the boot loader starts.
+        Ok(_) | Err(Failure::Away(_)) => Ok(()),
+    }
+}
+
 /// Number for a call before a session: each has its own, so that a late answer to another one is ignored.
 fn number_of(call: Call<'_>) -> u16 {
     match call {
@@ -521,18 +546,27 @@ fn number_of(call: Call<'_>) -> u16 {
     }
 }
 
+/// Checks that a board has this version of the protocol.
+///
+/// # Errors
+/// One sentence: it has another one.
+fn same_version(target: &Target, hello: &Hello) -> Result<(), String> {
+    if hello.version == VERSION {
+        return Ok(());
+    }
+    Err(format!(
+        "the board at {target} has version {} of the control protocol, and this drivetwin has {VERSION}",
+        hello.version
+    ))
+}
+
 /// The description of the kind of drive that a board is.
 ///
 /// # Errors
 /// One sentence: the board is of another version of drivetwin.
 fn check(target: &Target, hello: &Hello) -> Result<&'static Spec, String> {
     let again = "flash it again with `drivetwin flash pico`";
-    if hello.version != VERSION {
-        return Err(format!(
-            "the board at {target} has version {} of the control protocol, and this drivetwin has {VERSION}: {again}",
-            hello.version
-        ));
-    }
+    same_version(target, hello).map_err(|why| format!("{why}: {again}"))?;
     let spec = catalog::make(&hello.kind).map(|device| device.spec());
     let spec = spec.map_err(|_| {
         let kind = hello.kind.escape_debug();

@@ -16,10 +16,10 @@ mod link;
 mod place;
 mod report;
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;
 
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use drivetwin_firmware::device::{Pin, Plan, Port, Role};
@@ -31,6 +31,7 @@ use client::Client;
 pub(crate) use client::{Report, Session, Sink};
 pub use drive::Drive;
 pub(crate) use drive::of_first_port;
+pub(crate) use place::PORTS;
 use place::Target;
 
 /// Reasons why a board cannot do what a bench does.
@@ -51,6 +52,21 @@ pub mod reasons {
     /// Streams on virtual time.
     pub const NO_STREAM: &str =
         "the port of a board is a real one; open the address that uri() returns, for instance with pyserial";
+}
+
+/// USB serial numbers of the boards that are plugged in. `ports` is the folder with the [serial ports](PORTS).
+pub(crate) fn plugged(ports: &Path) -> Vec<String> {
+    place::plugged(ports).into_iter().map(|board| board.serial).collect()
+}
+
+/// Starts the boot loader of a board. Returns the text of its place.
+///
+/// # Errors
+/// One sentence: there is no board, or it does not start a boot loader.
+pub(crate) fn start_boot_loader(ports: &Path, place: &BoardPlace) -> Result<String, String> {
+    let mut target = Target::find_in(ports, place)?;
+    client::start_boot_loader(&mut target)?;
+    Ok(target.to_string())
 }
 
 /// A board that is attached.

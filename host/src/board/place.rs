@@ -12,7 +12,7 @@ use crate::options::BoardPlace;
 use crate::ports::Device;
 
 /// Folder in which Linux lists serial ports.
-const PORTS: &str = "/sys/class/tty";
+pub(crate) const PORTS: &str = "/sys/class/tty";
 
 /// USB identification of a board.
 const VENDOR: &str = "1209";
@@ -27,9 +27,9 @@ const CONNECTED: Duration = Duration::from_secs(2);
 
 /// A board at a USB cable.
 #[derive(Clone, PartialEq, Eq, Debug)]
-struct Plugged {
+pub(super) struct Plugged {
     /// USB serial number.
-    serial: String,
+    pub(super) serial: String,
     control: PathBuf,
     /// The serial port of the drive's bus.
     bus: Option<PathBuf>,
@@ -71,7 +71,11 @@ impl Target {
         Self::find_in(Path::new(PORTS), place)
     }
 
-    fn find_in(ports: &Path, place: &BoardPlace) -> Result<Self, String> {
+    /// Looks up a place among the serial ports in a folder.
+    ///
+    /// # Errors
+    /// One sentence: there is no board, or there are several.
+    pub(super) fn find_in(ports: &Path, place: &BoardPlace) -> Result<Self, String> {
         let listed = |boards: &[Plugged]| {
             let names: Vec<String> = boards.iter().map(|board| format!("usb:{}", board.serial)).collect();
             names.join(", ")
@@ -154,7 +158,7 @@ fn same(one: &Path, other: &Path) -> bool {
 }
 
 /// Boards that are plugged in, sorted by their serial numbers.
-fn plugged(ports: &Path) -> Vec<Plugged> {
+pub(super) fn plugged(ports: &Path) -> Vec<Plugged> {
     let mut boards: Vec<Plugged> = Vec::new();
     let entries = fs::read_dir(ports).into_iter().flatten().flatten();
     let mut found: Vec<(String, bool, PathBuf)> =

@@ -22,7 +22,7 @@ use crate::options::BoardPlace;
 const LONG: Duration = Duration::from_secs(20);
 
 /// What a board does with a request.
-enum Act {
+pub(crate) enum Act {
     /// Sends these bytes, and serves on.
     Send(Vec<u8>),
     /// Ends the connection.
@@ -30,7 +30,7 @@ enum Act {
 }
 
 /// The frame of an answer.
-fn answer(number: u16, answer: Result<Answer<'_>, Refused>) -> Vec<u8> {
+pub(crate) fn answer(number: u16, answer: Result<Answer<'_>, Refused>) -> Vec<u8> {
     let mut frame = [0; FRAME];
     encode(&Message::Reply(Reply { number, answer }), &mut frame).unwrap().to_vec()
 }
@@ -45,7 +45,7 @@ fn events(number: u32, at: u64, of: &[(i64, Event<'_>)]) -> Vec<u8> {
     encode(&Message::Events(Events { number, at, bytes: &bytes }), &mut frame).unwrap().to_vec()
 }
 
-fn hello(kind: &str) -> Hello<'_> {
+pub(crate) fn hello(kind: &str) -> Hello<'_> {
     let spec = catalog::make(kind).unwrap().spec();
     Hello { version: VERSION, kind: spec.kind, image: "0.1.0", tables: fingerprint(spec), fast_boot: true }
 }
@@ -69,14 +69,17 @@ fn usual(number: u16, call: Call<'_>, at: u64) -> Vec<u8> {
 }
 
 /// A board on a TCP port, whose answers a function makes.
-struct Fake {
-    place: BoardPlace,
+pub(crate) struct Fake {
+    pub(crate) place: BoardPlace,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Fake {
     /// Serves one connection after the other, until `serve` returns `None` for the number of a connection.
-    fn new(mut act: impl FnMut(usize, u16, Call<'_>) -> Act + Send + 'static, connections: usize) -> Self {
+    pub(crate) fn new(
+        mut act: impl FnMut(usize, u16, Call<'_>) -> Act + Send + 'static,
+        connections: usize,
+    ) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let place = BoardPlace::Tcp(listener.local_addr().unwrap().to_string());
         let thread = std::thread::spawn(move || {

@@ -40,7 +40,7 @@ static CRC: Crc<u16, Table> = Crc::<u16, Table>::new(&CRC_16_MODBUS);
 
 /// The CRC of `bytes` (serial 2.5.1.2). A frame contains its low byte first.
 #[must_use]
-pub fn crc(bytes: &[u8]) -> u16 {
+pub const fn crc(bytes: &[u8]) -> u16 {
     CRC.checksum(bytes)
 }
 

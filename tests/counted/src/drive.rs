@@ -30,7 +30,7 @@ fn measure<D: Device>(make: impl FnOnce() -> D) {
     let character = port.line.expect("it is a serial one").character();
     let hears_lines = port.framing == Framing::Character;
     let objects = drive.spec().registers.layout.objects;
-    let registers = drive.spec().registers.rows.iter();
+    let registers = drive.spec().registers.list.iter();
     let registers = registers.filter(|row| row.space == Space::Holding && row.access.reads());
     let (first, words) = if objects {
         registers.map(|row| (row.address, row.shape.words())).max_by_key(|(_, words)| *words)

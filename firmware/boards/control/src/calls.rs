@@ -301,9 +301,8 @@ pub struct Statistics {
 /// A number for the tables of a kind of drive: it differs if a row, a pin or a fault has been added, moved or renamed.
 #[must_use]
 pub fn fingerprint(spec: &Spec) -> u16 {
-    let names = spec.rows().map(|(_, row)| row.name);
-    let names = names.chain(spec.pin_names().map(|(name, _)| name)).chain(spec.faults.iter().copied());
-    names.fold(spec.memory, |sum, name| sum.rotate_left(1) ^ rtu::crc(name.as_bytes()))
+    let names = spec.pin_names().map(|(name, _)| name).chain(spec.faults.iter().copied());
+    names.fold(spec.memory ^ spec.registers.names, |sum, name| sum.rotate_left(1) ^ rtu::crc(name.as_bytes()))
 }
 
 /// Levels of pins as bits.
