@@ -200,8 +200,8 @@ pub(crate) struct Attach {
     /// repeat
     #[arg(long, value_name = "NAME")]
     pub(crate) allow_host: Vec<String>,
-    /// Address of the drive's bus, for the banner and for programs: serial:DEVICE or tcp:HOST:PORT [default: the other
-    /// port of the board's USB cable]
+    /// Address of the drive's bus, for the banner and for programs: serial:DEVICE, tcp:HOST:PORT or rfc2217:HOST:PORT
+    /// [default: the other port of the board's USB cable]
     #[arg(long, value_name = "URI")]
     pub(crate) bus: Option<Uri>,
     /// Record a trace to FILE while it runs

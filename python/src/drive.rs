@@ -103,7 +103,7 @@ impl Drive {
     /// `drivetwin.run` has opened.
     #[pyo3(signature = (port = None))]
     fn uris(&self, port: Option<&str>) -> PyResult<Vec<String>> {
-        let port = self.port_name(port)?;
+        let port = self.find_port(port)?;
         let server = self.shared.server();
         Ok(server.map_or_else(Vec::new, |server| server.uris(&self.name, port).to_vec()))
     }
@@ -114,7 +114,9 @@ impl Drive {
         let name = self.port_name(port)?;
         self.uris(port)?.into_iter().next().ok_or_else(|| {
             let how = match self.shared.board() {
-                Some(_) => "drivetwin.attach takes bus='serial:DEVICE' or bus='tcp:HOST:PORT'",
+                Some(_) => {
+                    "drivetwin.attach takes bus='serial:DEVICE', 'tcp:HOST:PORT' or 'rfc2217:HOST:PORT'"
+                }
                 None => "drivetwin.run gives it one",
             };
             Error::new_err(format!("{name} of {} has no address; {how}", self.name))
