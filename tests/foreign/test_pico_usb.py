@@ -4,6 +4,7 @@ The images and the UF2 are in the folder in which cargo builds; the check "emula
 """
 
 import contextlib
+import json
 import os
 import random
 import re
@@ -325,18 +326,54 @@ def test_a_board_becomes_another_kind_and_remains_it(start, things):
     says_who_it_is(pico)
     # It is kept when the board has no power.
     pico.world("power off")
-    deadline = time.monotonic() + PATIENCE
-    while attached.call("GET", D)[0] == 200:
-        assert time.monotonic() < deadline, "it is there without power"
+    away(attached)
     pico.world("power on")
-    while (call := attached.call("GET", D))[0] != 200:
-        assert time.monotonic() < deadline, call
-    assert attached.drive()["kind"] == "qsb-m"
+    assert back(attached)["kind"] == "qsb-m"
     says_who_it_is(pico)
     status, answer = attached.call("PUT", f"{D}/kind", {"kind": "md3"})
     assert status == 200, answer
     with pico.port() as port:
         assert Master(port, 1).ready().read_registers(0, 32) == DEFAULTS
+
+
+def test_an_image_of_one_kind_remains_it(start):
+    _, attached = start(IMAGES / "md3")
+    status, answer = attached.call("PUT", f"{D}/kind", {"kind": "qsb-d"})
+    sentence = "the image of this board is one kind only, md3; flash another image"
+    assert (status, json.loads(answer)["detail"]) == (409, sentence)
+    assert attached.drive()["kind"] == "md3"
+
+
+def test_a_computer_that_sleeps_and_a_board_that_starts_again_are_said_in_a_sentence(start):
+    pico, attached = start(IMAGES / "md3")
+    attached.do("PUT", "/registers/UserRegister", {"value": 1_234})
+    for event, user in [("suspend", 1_234), ("unplug", 1_234)]:
+        pico.world(f"usb {event}")
+        assert f"the board at tcp:{pico.control} cannot be reached" in away(attached)
+        pico.world("usb resume" if event == "suspend" else "usb plug")
+        assert back(attached)["registers"]["UserRegister"] == user
+    # The watchdog starts it, and what was not saved is lost.
+    pico.world("hang")
+    assert f"the board at tcp:{pico.control} cannot be reached" in away(attached)
+    assert back(attached)["registers"]["UserRegister"] == 0
+
+
+def away(attached):
+    """The reason why the board cannot be reached, as soon as it cannot be."""
+    deadline = time.monotonic() + PATIENCE
+    while (call := attached.call("GET", D))[0] == 200:
+        assert time.monotonic() < deadline, "it is there"
+    problem = json.loads(call[1])
+    assert problem["status"] == 503, problem
+    return problem["detail"]
+
+
+def back(attached):
+    """The state of the drive, as soon as the board is back."""
+    deadline = time.monotonic() + PATIENCE
+    while (call := attached.call("GET", D))[0] != 200:
+        assert time.monotonic() < deadline, call
+    return json.loads(call[1])
 
 
 def says_who_it_is(pico):
@@ -366,23 +403,16 @@ def test_garbage_on_both_ports_does_no_harm(start, things):
         # A second program takes the control port, and says what is no message; then it goes away.
         with socket.create_connection(host_and_port(pico.control), PATIENCE) as stranger:
             stranger.sendall(chance.randbytes(5_000))
-        until = time.monotonic() + PATIENCE
-        while (call := attached.call("GET", D))[0] != 200:
-            assert time.monotonic() < until, call
-        assert attached.drive()["registers"]["MoveSteps"] == 10_000
+        assert back(attached)["registers"]["MoveSteps"] == 10_000
         # The cable is pulled while the drive moves: the drive goes on.
         master = Master(port, 1).ready()
         master.write_pair(MOVE_STEPS, 1_000_000)
         master.write(MOTION_CONTROL, MOVE)
     before = attached.until(lambda state: state["motion"]["position"] > 0)["motion"]["position"]
     pico.world("usb unplug")
-    until = time.monotonic() + PATIENCE
-    while attached.call("GET", D)[0] == 200:
-        assert time.monotonic() < until, "it is there without its cable"
+    away(attached)
     pico.world("usb plug")
-    while (call := attached.call("GET", D))[0] != 200:
-        assert time.monotonic() < until, call
-    motion = attached.drive()["motion"]
+    motion = back(attached)["motion"]
     assert motion["moving"] and motion["position"] > before
 
 
