@@ -100,9 +100,10 @@ class Master(Instrument):
 
     def ready(self):
         """Waits until the drive answers: it has a start-up of 2.5 s, and of 7.5 s if its memory is bad (2, 7.20)."""
-        self.serial.timeout, deadline = 0.5, time.monotonic() + PATIENCE
+        self.serial.timeout, deadline = 1, time.monotonic() + PATIENCE
         while True:
-            with contextlib.suppress(NoResponseError):
+            # An emulator that is slow may pause within a reply.
+            with contextlib.suppress(ModbusException):
                 self.read_register(0)
                 break
             assert time.monotonic() < deadline, "the drive does not answer"
