@@ -33,7 +33,7 @@ def attach(device=None, **options):
 def url(uri):
     """The address of a port for `serial.serial_for_url`."""
     scheme, _, rest = uri.partition(":")
-    return {"serial": rest, "tcp": f"socket://{rest}", "rfc2217": f"rfc2217://{rest}"}.get(scheme, uri)
+    return {"serial": rest, "tcp": f"socket://{rest}", "rfc2217": f"drivetwin_rfc2217://{rest}"}.get(scheme, uri)
 
 
 def ask(uri, line, frame):

@@ -161,7 +161,7 @@ def pytest_addoption(parser):
     group.addoption(
         "--drivetwin-bus",
         metavar="URI",
-        help="address of the bus of the board, if it is not at the same USB cable: tcp:HOST:PORT",
+        help="address of the bus of the board, if it is not at the same USB cable: tcp:HOST:PORT or rfc2217:HOST:PORT",
     )
     group.addoption(
         "--drivetwin-artifacts",

@@ -103,7 +103,7 @@ impl Drive {
     /// `drivetwin.run` has opened.
     #[pyo3(signature = (port = None))]
     fn uris(&self, port: Option<&str>) -> PyResult<Vec<String>> {
-        let port = self.port_name(port)?;
+        let port = self.find_port(port)?;
         let server = self.shared.server();
         Ok(server.map_or_else(Vec::new, |server| server.uris(&self.name, port).to_vec()))
     }

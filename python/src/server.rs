@@ -7,6 +7,7 @@ use std::os::unix::net::UnixStream;
 use std::sync::{Arc, Mutex, PoisonError, Weak, mpsc};
 use std::thread::JoinHandle;
 
+use drivetwin_firmware::device::Port;
 use drivetwin_host::options::{AttachOptions, RunOptions};
 use drivetwin_host::{Configuration, Lender, OnBoard, Running};
 use pyo3::prelude::*;
@@ -157,7 +158,7 @@ impl Server {
     }
 
     /// URIs of a port of a drive.
-    pub(crate) fn uris(&self, drive: &str, port: &'static str) -> &[String] {
+    pub(crate) fn uris(&self, drive: &str, port: Port) -> &[String] {
         self.uris.get(&(drive.to_owned(), port)).map_or(&[], Vec::as_slice)
     }
 
@@ -167,8 +168,8 @@ impl Server {
     }
 }
 
-/// URIs of each drive and port.
-type Uris = HashMap<(String, &'static str), Vec<String>>;
+/// URIs of each drive and port. A board that becomes a drive of another kind keeps its port, with another name.
+type Uris = HashMap<(String, Port), Vec<String>>;
 
 /// Opens the ports of a run.
 fn begin(arguments: Vec<OsString>) -> Result<Running, String> {
@@ -182,9 +183,10 @@ fn begin(arguments: Vec<OsString>) -> Result<Running, String> {
 
 /// URIs of the ports of a run.
 fn uris(running: &Running) -> Uris {
-    let ports =
-        running.drives().flat_map(|(name, spec)| spec.ports.iter().map(move |port| (name, port.name)));
-    ports.map(|(name, port)| ((name.to_owned(), port), running.uris(name, port))).collect()
+    let ports = running.drives().flat_map(|(name, spec)| {
+        (0..).map(Port).zip(spec.ports).map(move |(number, port)| (name, number, port.name))
+    });
+    ports.map(|(name, number, port)| ((name.to_owned(), number), running.uris(name, port))).collect()
 }
 
 fn panicked() -> PyErr {

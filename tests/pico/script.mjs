@@ -72,6 +72,17 @@ const ACTIONS = {
 };
 
 /**
+ * Reads what an event is, without its time.
+ *
+ * @param {string[]} words
+ * @returns {(board: object, nanos: number) => void} lets it happen
+ */
+export function readAction([what, ...words]) {
+  if (!Object.hasOwn(ACTIONS, what)) throw new Error(`unknown event \`${what}\``);
+  return ACTIONS[what](words);
+}
+
+/**
  * Reads a script.
  *
  * @param {string} text one event a line, `<µs> <what>`, in ascending order; `#` begins a comment
@@ -88,8 +99,7 @@ export function readScript(text) {
       const nanos = Math.round(parse(time, /^\d+(\.\d+)?$/) * 1000);
       if (end !== undefined) throw new Error('nothing comes after `end`');
       if (nanos < (events.at(-1)?.nanos ?? 0)) throw new Error('times must ascend');
-      if (!Object.hasOwn(ACTIONS, what)) throw new Error(`unknown event \`${what}\``);
-      events.push({ nanos, act: ACTIONS[what](words) });
+      events.push({ nanos, act: readAction([what, ...words]) });
       if (what === 'end') end = nanos;
     } catch (error) {
       throw new Error(`script, line ${index + 1}: ${error.message}`);

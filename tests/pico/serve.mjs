@@ -4,7 +4,8 @@
 //
 // What comes from TCP is put on the line back to back at its rate, as a master's frame would be. One client at a time,
 // the latest; ends when stdin ends, and so with the process that started it. Runs slower than real time, and says so,
-// if the machine is too slow.
+// if the machine is too slow. A line on stdin is an event of script.mjs without its time, like `power off`, `power on` or
+// `usb unplug`, and happens at once.
 //
 // --usb  connects a computer to the USB cable. When it has configured the device, one line says where the ports are:
 //
@@ -14,10 +15,12 @@
 //        A connection opens its port, and asserts DTR; its end closes the port.
 
 import { createServer } from 'node:net';
+import { createInterface } from 'node:readline';
 import { parseArgs } from 'node:util';
 
 import { Pico } from './pico.mjs';
 import { ComPort } from './rfc2217.mjs';
+import { readAction } from './script.mjs';
 
 /** How often the board catches up with real time, in ms. */
 const SLICE = 2;
@@ -177,9 +180,21 @@ function main() {
     cable = new Cable(board);
     board.usb.plug();
   });
-  process.stdin.on('end', () => process.exit(0)).resume();
+  const world = createInterface({ input: process.stdin });
+  world.on('line', (text) => happen(board, text)).on('close', () => process.exit(0));
 
   keepPace(board);
+}
+
+/** Lets an event happen that a line of text is. */
+function happen(board, text) {
+  const words = text.trim().split(/\s+/);
+  if (!words[0]) return;
+  try {
+    readAction(words)(board, board.clock.nanos);
+  } catch (error) {
+    console.error(`error: ${error.message}`);
+  }
 }
 
 /** Runs the board until its UART has a rate, and a little more, so that the first frame does not come too early. */

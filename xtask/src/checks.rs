@@ -11,7 +11,7 @@ use xshell::{Shell, cmd};
 
 use crate::report::{Outcome, Report, Row, now};
 use crate::tools::{self, Tool, Tools};
-use crate::{board, crates, docs, panic_free, pico, python, size, swarm};
+use crate::{board, crates, docs, panic_free, pico, python, size, swarm, uf2};
 
 /// Crates that only a board, or a linker, can build.
 pub(crate) const BARE: [&str; 6] = [
@@ -77,7 +77,7 @@ const fn check(
 }
 
 /// Every check. The order is that in which the lanes run the checks of their groups.
-const CHECKS: [Check; 28] = [
+const CHECKS: [Check; 29] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -96,7 +96,7 @@ const CHECKS: [Check; 28] = [
     check(Group::Host, "build", &[], build),
     check(Group::Host, "generated documents", &[], docs::check),
     check(Group::Foreign, "foreign masters", &[Tool::Python], |sh| {
-        let others = [MBPOLL, MODBUS_SERIAL, SER2NET, PARTY, PCAP, VCD, BOARDS, DOCUMENTS];
+        let others = [MBPOLL, MODBUS_SERIAL, SER2NET, PARTY, PCAP, VCD, BOARDS, PICO_USB, DOCUMENTS];
         // Four at a time, because most of the time a test waits for a drive's time to pass.
         let side_by_side = ["--numprocesses", "4", "--dist", "worksteal", "tests/foreign"];
         foreign(sh, &[&side_by_side[..], &others.map(|test| ["--ignore", test]).concat()].concat())
@@ -114,6 +114,12 @@ const CHECKS: [Check; 28] = [
     check(Group::Foreign, "ser2net", &[Tool::Python, Tool::Ser2net], |sh| foreign(sh, &[SER2NET])),
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
     check(Group::Foreign, "waveforms", &[Tool::Python, Tool::Sigrok], |sh| foreign(sh, &[VCD])),
+    check(
+        Group::Foreign,
+        "emulated Pico at its USB cable",
+        &[Tool::ThumbTargets, Tool::Python, Tool::Node],
+        pico_usb,
+    ),
     check(Group::Boards, "clippy for the boards", &[Tool::Clippy, Tool::ThumbTargets], board::clippy),
     check(Group::Boards, "no panics on Cortex-M", &[Tool::ThumbTargets], panic_free::check),
     check(Group::Boards, "sizes and counts", &size::NEEDS, size::check),
@@ -277,12 +283,23 @@ const PARTY: &str = "tests/foreign/test_mdrive_party.py";
 const PCAP: &str = "tests/foreign/test_pcap.py";
 const VCD: &str = "tests/foreign/test_vcd.py";
 const BOARDS: &str = "tests/foreign/test_boards.py";
+const PICO_USB: &str = "tests/foreign/test_pico_usb.py";
 const DOCUMENTS: &str = "tests/foreign/test_documents.py";
 
 /// Builds the binary and tests it with third-party masters.
 fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
     build(sh)?;
     pytest(sh, which)
+}
+
+/// Tests `drivetwin attach` and the Python package with an emulated Pico: with the images of single kinds, and with the
+/// UF2.
+fn pico_usb(sh: &Shell) -> Result<()> {
+    board::RP2040.all(sh)?;
+    uf2::write(sh)?;
+    let package = python::with_masters(sh)?;
+    let _with_package = sh.push_env("DRIVETWIN_PYTEST", package);
+    foreign(sh, &[PICO_USB])
 }
 
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {

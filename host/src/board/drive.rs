@@ -123,7 +123,7 @@ impl Drive {
         self.session.fast_boot
     }
 
-    /// Kinds of drive that the board can be; none if its image is one kind.
+    /// Kinds of drive that the board can be; its own or none if its image is one kind.
     ///
     /// # Errors
     /// The board cannot be reached.
@@ -184,7 +184,7 @@ impl Drive {
             Err(Failure::Refused(Refused::Unknown | Refused::NotHere)) => {
                 let kinds = self.kinds()?;
                 return Err(Refusal::Conflict(match kinds.as_slice() {
-                    [] => format!(
+                    [] | [_] => format!(
                         "the image of this board is one kind only, {}; flash another image",
                         self.session.spec.kind
                     ),
