@@ -1,6 +1,6 @@
 //! The thread that has the control port of a board.
 //!
-//! It makes one call after the other, hears events between the answers, and asks for the state of a board from which
+//! It makes one call after the other, receives events between the answers, and asks for the state of a board from which
 //! nothing has come for a while. A board that is unplugged, does not answer or starts again is connected again when it is
 //! there: a new session, whose number differs. What a caller knows of the drive, for instance the number of a register, is
 //! valid within one session.
@@ -234,7 +234,7 @@ struct Connected {
     /// Time of the last report.
     last: Instant,
     /// Time of the last message, and of the last state.
-    heard: WallInstant,
+    received: WallInstant,
     stated: WallInstant,
     /// Time of the board in its last state.
     at: u64,
@@ -260,7 +260,7 @@ impl Connected {
             pending: None,
             next_event: None,
             last,
-            heard: wall(),
+            received: wall(),
             stated: wall(),
             at,
         }
@@ -303,7 +303,7 @@ impl Connected {
 
     /// Time of the next question about the state.
     fn question(&self) -> WallInstant {
-        (self.heard + QUIET).min(self.stated + STATED)
+        (self.received + QUIET).min(self.stated + STATED)
     }
 
     /// Time until something must be done without a message.
@@ -312,19 +312,20 @@ impl Connected {
         until.saturating_duration_since(wall())
     }
 
-    /// Takes messages, and hands reports to `sink`.
+    /// Takes messages, and passes reports to `sink`.
     ///
     /// # Errors
     /// The port is gone, or the board has started again.
-    fn hear(&mut self, sink: &mut Sink) -> io::Result<()> {
-        let Self { link, session, pending, next_event, last, heard, stated, at, .. } = self;
+    fn receive(&mut self, sink: &mut Sink) -> io::Result<()> {
+        let Self { link, session, pending, next_event, last, received, stated, at, .. } = self;
         // The time that has passed since the last message, and more than a clock can be wrong.
-        let passed = u64::try_from(wall().saturating_duration_since(*heard).as_micros()).unwrap_or(u64::MAX);
+        let passed =
+            u64::try_from(wall().saturating_duration_since(*received).as_micros()).unwrap_or(u64::MAX);
         let latest = *last + Span::micros(passed) + AHEAD;
         let mut events: Vec<(Instant, Event)> = Vec::new();
         let (mut states, mut restarted) = (Vec::new(), false);
         link.read(|message| {
-            *heard = wall();
+            *received = wall();
             if let Message::Events(of) = message {
                 take_events(session, of, latest, next_event, &mut events);
             }
@@ -405,7 +406,7 @@ impl Worker {
                 connected.end("the board is no longer attached");
                 return None;
             }
-            if let Err(error) = connected.hear(&mut self.sink) {
+            if let Err(error) = connected.receive(&mut self.sink) {
                 break match error.kind() {
                     io::ErrorKind::UnexpectedEof => "it is gone".into(),
                     _ => error.to_string(),

@@ -70,7 +70,10 @@ impl Drive {
             Refused::Driven => Busy.into(),
             Refused::NoPower => Refusal::Conflict(format!("{name} has no power")),
             Refused::HasPower => Refusal::Conflict(format!("{name} has power; switch it off first")),
-            Refused::TooFast => Refusal::Invalid("a board does not make edges as fast as these".into()),
+            Refused::TooFast => Refusal::Invalid(
+                "a board makes at most 20000 edges a second, in at most four trains and encoders at once"
+                    .into(),
+            ),
             Refused::NotHere => Refusal::Conflict("this board cannot do this".into()),
             Refused::Flash => Refusal::Conflict("the flash of the board does not take the data".into()),
             Refused::OutOfRange => Refusal::Invalid("the board does not take the value".into()),

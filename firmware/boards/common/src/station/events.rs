@@ -25,6 +25,11 @@ impl Events {
         let _ = self.0.insert(place, (at, event));
     }
 
+    /// Returns `true` if there is no room for another event, because the drive has not taken those before.
+    pub(crate) fn is_full(&self) -> bool {
+        self.0.is_full()
+    }
+
     /// Time of the first event.
     pub(crate) fn due(&self) -> Instant {
         self.0.first().map_or(Instant::NEVER, |(at, _)| *at)

@@ -120,7 +120,7 @@ impl<B: Board> StationInputs<B> {
     /// Drives an input pin at `at`. A train at the pin ends.
     ///
     /// # Errors
-    /// There is no such pin, or it does not take the level.
+    /// There is no such pin, it does not take the level, or the drive has not taken the inputs before.
     pub(crate) fn drive(&mut self, at: Instant, pin: Pin, stimulus: Stimulus) -> Result<(), Refused> {
         let takes = match (self.input(pin)?, stimulus) {
             (Role::Analogue, Stimulus::Low | Stimulus::High) => false,
@@ -129,6 +129,9 @@ impl<B: Board> StationInputs<B> {
         };
         if !takes {
             return Err(Refused::OutOfRange);
+        }
+        if self.events.is_full() {
+            return Err(Refused::Busy);
         }
         self.trains.end(pin);
         self.events.push(at, self.pins.drive(pin, stimulus));
@@ -179,10 +182,13 @@ impl<B: Board> StationInputs<B> {
     /// Sets or clears the cause of a fault at `at`.
     ///
     /// # Errors
-    /// There is no such fault.
+    /// There is no such fault, or the drive has not taken the inputs before.
     pub(crate) fn fault(&mut self, at: Instant, fault: Fault, on: bool) -> Result<(), Refused> {
         if usize::from(fault.0) >= self.spec.faults.len() {
             return Err(Refused::Unknown);
+        }
+        if self.events.is_full() {
+            return Err(Refused::Busy);
         }
         self.note_fault(fault, on);
         self.events.push(at, Some(BoardEvent::Fault(fault, on)));
