@@ -74,9 +74,10 @@ def test_the_stubs_have_the_arguments_of_the_package(tmp_path):
     settings.write_text("[mypy]\nignore_missing_imports = True\nfollow_imports = silent\n")
     # Their base classes are of pyserial, which has no types.
     allowed = tmp_path / "allowed"
-    classes = [f"drivetwin.urlhandler.{module}.Serial\n" for module in ("protocol_drivetwin", "protocol_drivetwin_rfc2217")]
-    allowed.write_text("".join(classes))
-    command = [sys.executable, "-m", "mypy.stubtest", "drivetwin", "--mypy-config-file", settings, "--allowlist", allowed]
+    modules = ("protocol_drivetwin", "protocol_drivetwin_rfc2217")
+    allowed.write_text("".join(f"drivetwin.urlhandler.{module}.Serial\n" for module in modules))
+    options = ["--mypy-config-file", settings, "--allowlist", allowed]
+    command = [sys.executable, "-m", "mypy.stubtest", "drivetwin", *options]
     done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stdout + done.stderr
 

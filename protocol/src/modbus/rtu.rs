@@ -831,6 +831,9 @@ mod tests {
         ) {
             prop_assert_eq!(frames(&one, &reads, Requests), std::slice::from_ref(&one));
             let both = [one.as_slice(), &other].concat();
+            // An unlisted function has any length that has a right CRC, also by chance: a frame and a zero have one, too.
+            let by_chance = |length: usize| length != one.len() && verify_crc(&both[..length]).is_some();
+            prop_assume!(one[1] < 65 || !(4..both.len()).any(by_chance));
             prop_assert_eq!(frames(&both, &reads, Requests), [one, other]);
         }
 

@@ -89,7 +89,7 @@ fn load(seconds: u64) -> (i64, i64, Got) {
             }
             // A request on the line at each turn: the UART's master and that of the cable take turns.
             if millisecond > 0 && millisecond % (TURN / MS) == 0 && millisecond + TURN / MS <= PERIOD / MS {
-                if millisecond / (TURN / MS) % 2 == 0 {
+                if (millisecond / (TURN / MS)).is_multiple_of(2) {
                     script.hear(now + US, &read);
                 } else {
                     script.send(now + US, "bus", &read);
