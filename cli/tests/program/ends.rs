@@ -5,7 +5,7 @@ use std::os::fd::OwnedFd;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use crate::running::{Running, Scratch, refused};
+use crate::running::{Running, Scratch, refused, spawn};
 use drivetwin_protocol::modbus::rtu;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
@@ -93,13 +93,13 @@ fn a_serial_port_has_the_settings_of_its_line_and_is_used_again_when_it_is_back(
 
 /// Runs `drivetwin` with `input` as its whole standard input. Returns its standard output and its exit code.
 fn piped(arguments: &[&str], input: &[u8]) -> (Vec<u8>, Option<i32>) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
-        .args(arguments)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut child = spawn(
+        Command::new(env!("CARGO_BIN_EXE_drivetwin"))
+            .args(arguments)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null()),
+    );
     child.stdin.take().unwrap().write_all(input).unwrap();
     let mut said = Vec::new();
     child.stdout.take().unwrap().read_to_end(&mut said).unwrap();
@@ -130,13 +130,13 @@ fn standard_input_and_output_belong_to_one_line() {
 
 #[test]
 fn a_bench_ends_when_its_output_is_closed_though_more_input_may_come() {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
-        .args(["run", "md3", "--fast-boot", "--time", "manual", "--listen", "stdio:"])
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
+    let mut child = spawn(
+        Command::new(env!("CARGO_BIN_EXE_drivetwin"))
+            .args(["run", "md3", "--fast-boot", "--time", "manual", "--listen", "stdio:"])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null()),
+    );
     drop(child.stdout.take());
     let mut stdin = child.stdin.take().unwrap();
     stdin.write_all(&rtu::read(1, USER_REGISTER, 1)).unwrap();

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use drivetwin_protocol::modbus::{Frame, rtu};
 use rustix::process::{Pid, Signal, kill_process};
 
-use crate::running::{Scratch, ask};
+use crate::running::{Scratch, ask, spawn};
 
 /// Limit of the file size in blocks, which the shell counts in 512 or 1,024 bytes. A few exchanges reach the
 /// limit.
@@ -17,13 +17,13 @@ const BLOCKS: u32 = 32;
 /// stops it. Returns the exit code and the text on stderr.
 fn ends(blocks: u32, option: &str, file: &str, requests: &[Frame]) -> (Option<i32>, String) {
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" \"$@\"");
-    let mut child = Command::new("sh")
-        .args(["-c", &script, env!("CARGO_BIN_EXE_drivetwin"), "run", "md3", "--json"])
-        .args(["--time", "manual", "--fast-boot", "--listen", "tcp:127.0.0.1:0", option, file])
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = spawn(
+        Command::new("sh")
+            .args(["-c", &script, env!("CARGO_BIN_EXE_drivetwin"), "run", "md3", "--json"])
+            .args(["--time", "manual", "--fast-boot", "--listen", "tcp:127.0.0.1:0", option, file])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped()),
+    );
     let mut line = String::new();
     BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
     let ready: serde_json::Value = serde_json::from_str(&line).unwrap();

@@ -3,7 +3,7 @@
 use std::os::fd::OwnedFd;
 use std::path::Path;
 
-use crate::running::{Running, Scratch, ask};
+use crate::running::{Running, Scratch, ask, close};
 use drivetwin_protocol::modbus::rtu;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{Mode, OFlags};
@@ -80,58 +80,60 @@ fn an_opener_of_a_pty_does_not_get_replies_of_the_previous_one() {
     request(&port, 1);
     md3.notice();
     let next = unseen(&md3, || {
-        drop(port);
+        close(port);
         let next = open(&md3.pty());
         request(&next, 2);
         next
     });
     md3.notice();
     answer(&next, 2);
-    drop(next);
+    close(next);
 
     // The requests of both programs are in one queue.
     let port = open(&md3.pty());
     md3.notice();
     let next = unseen(&md3, || {
         request(&port, 3);
-        drop(port);
+        close(port);
         let next = open(&md3.pty());
         request(&next, 4);
         next
     });
     answer(&next, 4);
-    drop(next);
+    close(next);
 
     // Only the first program's request is in the queue. The next program writes later.
     let port = open(&md3.pty());
     md3.notice();
     let next = unseen(&md3, || {
         request(&port, 5);
-        drop(port);
+        close(port);
         open(&md3.pty())
     });
     md3.notice();
     request(&next, 6);
     answer(&next, 6);
-    drop(next);
+    close(next);
 
     // The process has not seen that the first program opened the port, either.
     md3.notice();
     let next = unseen(&md3, || {
-        request(&open(&md3.pty()), 9);
+        let first = open(&md3.pty());
+        request(&first, 9);
+        close(first);
         let next = open(&md3.pty());
         request(&next, 10);
         next
     });
     answer(&next, 10);
-    drop(next);
+    close(next);
 
     // The reply has arrived, but the first program does not read it.
     let port = open(&md3.pty());
     request(&port, 7);
     wait(&port);
     let next = unseen(&md3, || {
-        drop(port);
+        close(port);
         open(&md3.pty())
     });
     md3.notice();
@@ -154,18 +156,20 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
     let md3 = Running::md3(&["--fast-boot"]);
     // The process sees neither the opening nor the closing by the first program.
     let port = unseen(&md3, || {
-        tcflow(open(&md3.pty()), Action::OOff).unwrap();
+        let stopped = open(&md3.pty());
+        tcflow(&stopped, Action::OOff).unwrap();
+        close(stopped);
         open(&md3.pty())
     });
     md3.notice();
     request(&port, 4);
     answer(&port, 4);
-    drop(port);
+    close(port);
     md3.notice();
 
     let port = open(&md3.pty());
     tcflow(&port, Action::OOff).unwrap();
-    drop(port);
+    close(port);
     md3.notice();
     let port = open(&md3.pty());
     request(&port, 1);
@@ -178,7 +182,7 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
     request(&port, 0x1313);
     wait(&port);
     md3.notice();
-    drop(port);
+    close(port);
     md3.notice();
     let port = open(&md3.pty());
     request(&port, 2);
@@ -188,7 +192,7 @@ fn output_that_a_program_stopped_does_not_outlive_it() {
     md3.notice();
     let port = unseen(&md3, || {
         tcflow(&port, Action::OOff).unwrap();
-        drop(port);
+        close(port);
         open(&md3.pty())
     });
     md3.notice();
@@ -210,7 +214,7 @@ fn a_pty_with_default_settings_changes_no_character() {
         settings.local_modes |= LocalModes::ECHO | LocalModes::ICANON | LocalModes::ISIG;
         settings.input_modes |= InputModes::ICRNL | InputModes::ISTRIP | InputModes::IXON;
         tcsetattr(&port, OptionalActions::Now, &settings).unwrap();
-        drop(port);
+        close(port);
         md3.notice();
     }
 }
@@ -218,7 +222,10 @@ fn a_pty_with_default_settings_changes_no_character() {
 /// Default baud rate of a pty.
 fn baud(path: &Path) -> u32 {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
-    tcgetattr(rustix::fs::open(path, flags, Mode::empty()).unwrap()).unwrap().output_speed()
+    let port = rustix::fs::open(path, flags, Mode::empty()).unwrap();
+    let baud = tcgetattr(&port).unwrap().output_speed();
+    close(port);
+    baud
 }
 
 #[test]
@@ -233,7 +240,7 @@ fn a_pty_has_the_baud_rate_of_its_drive() {
     md3.notice();
     assert_eq!(baud(&md3.pty()), 19_200);
     // As on a hardware port, the settings of a program stay after it has closed the port.
-    drop(open(&md3.pty()));
+    close(open(&md3.pty()));
     md3.notice();
     assert_eq!(baud(&md3.pty()), 9_600);
 

@@ -2,7 +2,7 @@
 
 use std::process::Stdio;
 
-use crate::running::{Running, ask, drivetwin};
+use crate::running::{Running, ask, drivetwin, spawn};
 use serde_json::Value;
 
 /// Starts a QSB in manual time, without the start-up delay.
@@ -149,11 +149,11 @@ fn registers_of_other_variants_are_not_there() {
 #[test]
 fn a_terminal_program_is_proposed() {
     use std::io::{BufRead as _, BufReader};
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
-        .args(["run", "qsb-d", "--control", "off"])
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = spawn(
+        std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
+            .args(["run", "qsb-d", "--control", "off"])
+            .stdout(Stdio::piped()),
+    );
     let said: Vec<String> = BufReader::new(child.stdout.take().unwrap())
         .lines()
         .map(Result::unwrap)

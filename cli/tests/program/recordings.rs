@@ -9,7 +9,7 @@ use drivetwin_sim::record::trace::{Trace, whole_lines};
 use drivetwin_sim::replay;
 use rustix::process::{Signal, kill_process};
 
-use crate::running::{Running, Scratch, ask, drivetwin, refused};
+use crate::running::{Running, Scratch, ask, drivetwin, refused, spawn};
 
 /// Path of a file that the program at commit 681fd38 made. These files are never regenerated.
 fn old(name: &str) -> String {
@@ -203,12 +203,12 @@ fn a_recording_is_a_picture() {
 
 #[test]
 fn a_trace_from_standard_input_is_a_picture() {
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
-        .args(["plot", "-"])
-        .stdin(std::process::Stdio::piped())
-        .stdout(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = spawn(
+        std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
+            .args(["plot", "-"])
+            .stdin(std::process::Stdio::piped())
+            .stdout(std::process::Stdio::piped()),
+    );
     let mut stdin = child.stdin.take().unwrap();
     stdin.write_all(b"drivetwin trace 1\ndrive r qsb-d fast\n100 > rx \"R0E\\r\"\n200 end\n").unwrap();
     drop(stdin);

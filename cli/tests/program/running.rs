@@ -2,16 +2,36 @@
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
+use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
+/// Held while a process starts. Until its program runs, it has a copy of every file that this process has open, and a port
+/// that is closed meanwhile stays open.
+static STARTS: Mutex<()> = Mutex::new(());
+
+/// Starts a process.
+pub(crate) fn spawn(command: &mut Command) -> Child {
+    let _starts = STARTS.lock().unwrap_or_else(PoisonError::into_inner);
+    command.spawn().unwrap()
+}
+
+/// Closes a port, which no process has open then.
+pub(crate) fn close(port: OwnedFd) {
+    let _starts = STARTS.lock().unwrap_or_else(PoisonError::into_inner);
+    drop(port);
+}
+
 /// Runs `drivetwin` until it ends.
 pub(crate) fn drivetwin(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_drivetwin")).args(arguments).output().unwrap()
+    let mut command = Command::new(env!("CARGO_BIN_EXE_drivetwin"));
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    spawn(&mut command).wait_with_output().unwrap()
 }
 
 /// Runs `drivetwin` with arguments that it refuses. Returns its error message.
@@ -43,13 +63,13 @@ impl Running {
     /// Starts a kind of drive or a bench file, with `stderr` as its standard error, and waits until it is
     /// ready.
     pub(crate) fn start(what: &str, options: &[&str], stderr: Stdio) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_drivetwin"))
-            .args(["run", what, "--json"])
-            .args(options)
-            .stdout(Stdio::piped())
-            .stderr(stderr)
-            .spawn()
-            .unwrap();
+        let mut child = spawn(
+            Command::new(env!("CARGO_BIN_EXE_drivetwin"))
+                .args(["run", what, "--json"])
+                .args(options)
+                .stdout(Stdio::piped())
+                .stderr(stderr),
+        );
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
         let ready: Value = serde_json::from_str(&line).unwrap();

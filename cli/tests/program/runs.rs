@@ -6,7 +6,7 @@ use std::net::{Shutdown, TcpListener};
 use std::os::fd::OwnedFd;
 use std::path::Path;
 
-use crate::running::{Running, Scratch, ask, drivetwin, refused};
+use crate::running::{Running, Scratch, ask, drivetwin, refused, spawn};
 use drivetwin_protocol::modbus::rtu;
 use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat};
 use rustix::process::{Resource, Rlimit, getrlimit, prlimit};
@@ -588,11 +588,11 @@ fn sigterm_does_not_wait_for_a_reader_of_the_banner() {
     // Fills the buffer of the pipe, so that a further write would block.
     writer.write_all(&[b'x'; 65_536]).unwrap();
     let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
-    let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
-        .args(["run", "md3", "--json", "--listen", &format!("tcp:{free}")])
-        .stdout(writer)
-        .spawn()
-        .unwrap();
+    let mut child = spawn(
+        std::process::Command::new(env!("CARGO_BIN_EXE_drivetwin"))
+            .args(["run", "md3", "--json", "--listen", &format!("tcp:{free}")])
+            .stdout(writer),
+    );
     // When the program accepts connections, it also handles SIGTERM.
     while std::net::TcpStream::connect(free).is_err() {
         assert!(child.try_wait().unwrap().is_none(), "it does not listen");
