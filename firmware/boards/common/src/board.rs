@@ -103,7 +103,6 @@ impl<B: Board> Inputs for BoardInputs<B> {
         B::past()
     }
 
-    #[inline(always)]
     fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
         let first = B::next_event(until);
         if first.is_none() && B::is_quiet() {

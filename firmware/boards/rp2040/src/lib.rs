@@ -174,8 +174,6 @@ impl Board for Pico {
         timer::past()
     }
 
-    // Inlined, as all that an edge of a fast encoder passes.
-    #[inline(always)]
     fn next_event(until: Instant) -> Option<(Instant, BoardEvent)> {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }

@@ -222,38 +222,6 @@ impl<B: Board> StationInputs<B> {
         }
     }
 
-    /// The next event for the drive, if `first` is the next one of the hardware.
-    #[inline(never)]
-    fn next_event_after(
-        &mut self,
-        first: Option<(Instant, BoardEvent)>,
-        until: Instant,
-    ) -> Option<(Instant, BoardEvent)> {
-        let mut next = first;
-        loop {
-            while let Some((at, event)) = next {
-                if let Some(event) = self.hardware_event(event) {
-                    return Some((at, event));
-                }
-                next = self.next_hardware_event(until);
-            }
-            if self.due > until {
-                return None;
-            }
-            let own = self.next_own();
-            self.update_due();
-            if own.is_some() {
-                return own;
-            }
-            next = self.next_hardware_event(until);
-        }
-    }
-
-    #[inline(never)]
-    fn next_hardware_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
-        self.board.next_event(until.min(self.due))
-    }
-
     /// The next event of the report at power-on.
     fn next_report(&mut self) -> Option<(Instant, BoardEvent)> {
         let (at, place) = self.report.as_mut()?;
@@ -306,16 +274,22 @@ impl<B: Board> Inputs for StationInputs<B> {
         self.board.now()
     }
 
-    // Inlined, as all that an edge of a fast encoder passes: one comes every few microseconds.
-    #[inline(always)]
     fn next_event(&mut self, until: Instant) -> Option<(Instant, BoardEvent)> {
-        // The events of the hardware first.
-        match self.board.next_event(until.min(self.due)) {
-            Some((at, BoardEvent::Edge(pin, high))) if self.pins.edge(pin, high) => {
-                Some((at, BoardEvent::Edge(pin, high)))
+        loop {
+            // The events of the hardware first: a fast encoder has one every few microseconds.
+            while let Some((at, event)) = self.board.next_event(until.min(self.due)) {
+                if let Some(event) = self.hardware_event(event) {
+                    return Some((at, event));
+                }
             }
-            None | Some((_, BoardEvent::Edge(..))) => self.next_event_after(None, until),
-            Some((at, event)) => self.next_event_after(Some((at, event)), until),
+            if self.due > until {
+                return None;
+            }
+            let next = self.next_own();
+            self.update_due();
+            if next.is_some() {
+                return next;
+            }
         }
     }
 }

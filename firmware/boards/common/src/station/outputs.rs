@@ -200,9 +200,9 @@ where
 
     /// Notes an input of the drive.
     #[inline(never)]
-    fn trace_input(&mut self, at: Instant, input: Input<'_>) {
+    fn trace_input(&mut self, at: Instant, input: &Input<'_>) {
         if !self.has_failed()
-            && let Some(event) = convert::input(&input)
+            && let Some(event) = convert::input(input)
         {
             self.trace.put(at, &event);
         }
@@ -304,11 +304,10 @@ where
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn note_input(&mut self, at: Instant, input: &Input<'_>) {
         if self.trace.is_on() {
-            // A copy, made for the trace only: an input whose address is needed is copied each time.
-            self.trace_input(at, *input);
+            self.trace_input(at, input);
         }
     }
 

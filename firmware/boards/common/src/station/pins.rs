@@ -67,8 +67,6 @@ pub(crate) struct Pins {
     wired: Bits,
     /// Pins that have had a stimulus.
     used: Bits,
-    /// Pins whose stimulus hides the wire.
-    hidden: Bits,
     stimuli: [Stimulus; MOST],
 }
 
@@ -79,14 +77,7 @@ impl Pins {
         for (place, pin) in (0..).zip(spec.pins) {
             high.set(Pin(place), pin.idle != Level::Low);
         }
-        Self {
-            spec,
-            high,
-            wired: Bits::default(),
-            used: Bits::default(),
-            hidden: Bits::default(),
-            stimuli: [Stimulus::Wire; MOST],
-        }
+        Self { spec, high, wired: Bits::default(), used: Bits::default(), stimuli: [Stimulus::Wire; MOST] }
     }
 
     /// All pins.
@@ -110,18 +101,17 @@ impl Pins {
         if let Some(place) = self.stimuli.get_mut(usize::from(pin.0)) {
             *place = stimulus;
             self.used.set(pin, true);
-            self.hidden.set(pin, stimulus != Stimulus::Wire);
         }
         let now = self.seen(pin);
         (now != before).then(|| now.event(pin))
     }
 
     /// Notes an edge that the board reports. Returns `false` if a stimulus hides it from the drive.
-    #[inline(always)]
+    #[inline]
     pub(crate) fn edge(&mut self, pin: Pin, high: bool) -> bool {
         self.high.set(pin, high);
         self.wired.set(pin, true);
-        !self.hidden.has(pin)
+        self.stimulus(pin) == Stimulus::Wire
     }
 
     /// Signal that the drive reads.
