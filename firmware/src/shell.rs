@@ -578,7 +578,7 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
     /// all that is due before `now` [polls](Self::poll) until nothing is.
     ///
     /// # Errors
-    /// As [`Device::poke`].
+    /// The errors of [`Device::poke`].
     pub fn poke(&mut self, now: Instant, row: usize, value: i64) -> Result<(), PresetError> {
         self.last_event = self.drive_time(now);
         let result = self.device.poke(self.last_event, row, value, &mut self.state);

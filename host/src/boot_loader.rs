@@ -452,7 +452,7 @@ mod tests {
             wrong[at] = byte;
             wrong
         };
-        for (wrong, told) in [
+        for (wrong, expected) in [
             (b"\x7FELF".to_vec(), "is not a UF2"),
             (Vec::new(), "is not a UF2"),
             (with(0, 0), "is not a UF2"),
@@ -467,7 +467,7 @@ mod tests {
             (with(9, 0), "is a UF2 for another chip: its family is none, that of a Pico is 0xe48bff56"),
         ] {
             let path = scratch.file("wrong.uf2", wrong);
-            assert_eq!(Image::read(Some(&path)).unwrap_err(), format!("{} {told}", path.display()));
+            assert_eq!(Image::read(Some(&path)).unwrap_err(), format!("{} {expected}", path.display()));
         }
         let large = scratch.file("large.uf2", vec![0; (4 << 20) + 1]);
         let said = Image::read(Some(&large)).unwrap_err();
@@ -601,7 +601,7 @@ mod tests {
     #[test]
     fn a_boot_loader_whose_disk_does_not_come_is_reported() {
         let scratch = Scratch::new("waits");
-        for (label, told) in [
+        for (label, expected) in [
             (None, format!(" does not come: unplug it, and {HOLD}")),
             (Some("labels/RPI-RP2"), ", and try again".to_owned()),
         ] {
@@ -618,7 +618,7 @@ mod tests {
                 },
             );
             let said = said.unwrap_err();
-            assert!(said.starts_with("the disk of the boot loader") && said.ends_with(&told), "{said}");
+            assert!(said.starts_with("the disk of the boot loader") && said.ends_with(&expected), "{said}");
             assert_eq!(looks, 100);
         }
     }
@@ -631,8 +631,8 @@ mod tests {
             scratch.places().disk_with(Some(&board.place), |_| never(), never).unwrap_err()
         };
         let said = ask(&running(|number| Act::Send(answer(number, Err(Refused::NotHere)))));
-        let told = format!(" has no boot loader that it can start; to flash it, unplug it, and {HOLD}");
-        assert!(said.starts_with("the board at tcp:127.0.0.1:") && said.ends_with(&told), "{said}");
+        let expected = format!(" has no boot loader that it can start; to flash it, unplug it, and {HOLD}");
+        assert!(said.starts_with("the board at tcp:127.0.0.1:") && said.ends_with(&expected), "{said}");
 
         let other = |_, number, _: Call<'_>| {
             Act::Send(answer(number, Ok(Answer::Hello(Hello { version: 9, ..hello("md3") }))))

@@ -56,7 +56,7 @@ pub struct Counted<P> {
 }
 
 impl<P> Counted<P> {
-    /// These outputs, without a pulse so far.
+    /// A count of the pulses of `pins`, from 0.
     pub const fn new(pins: P) -> Self {
         Self { pins, pulses: 0 }
     }

@@ -42,7 +42,7 @@ pub(super) struct Bench {
 pub(super) struct BoardView {
     /// Name of its drive.
     drive: String,
-    /// Its control port.
+    /// Control port of the board.
     #[schema(example = "/dev/ttyACM1 (usb:E66138935F3A6C2B)")]
     place: String,
     /// The reason in one sentence why it cannot be reached now; null while it is connected.

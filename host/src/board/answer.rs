@@ -19,7 +19,7 @@ pub(super) enum Answered {
     Kind(Option<String>),
 }
 
-/// What a board is.
+/// Description of a board.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Hello {
     pub(super) version: u16,

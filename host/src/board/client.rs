@@ -1,6 +1,6 @@
 //! The thread that has the control port of a board.
 //!
-//! It makes one call after the other, receives events between the answers, and asks for the state of a board from which
+//! The thread makes one call after the other, receives events between the answers, and asks for the state of a board from which
 //! nothing has come for a while. A board that is unplugged, does not answer or starts again is connected again when it is
 //! there: a new session, whose number differs. What a caller knows of the drive, for instance the number of a register, is
 //! valid within one session.
@@ -46,7 +46,7 @@ const AHEAD: Span = Span::secs(1);
 /// Time between two attempts to connect a board again.
 const RETRY: Duration = Duration::from_millis(250);
 
-/// What a board sends and becomes, in order.
+/// Change of a connection, or message of a board, in the order of time.
 pub(crate) enum Report {
     /// A session has begun, with the drive in this state.
     Begun(Session, State),
@@ -87,7 +87,7 @@ impl Session {
     }
 }
 
-/// What the callers share with the thread.
+/// State that the callers share with the thread.
 pub(super) struct Shared {
     status: Mutex<Status>,
     changed: Condvar,

@@ -38,7 +38,7 @@ pub(super) struct Plugged {
 /// A place that has been looked up.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(super) struct Target {
-    /// Where it is now.
+    /// Port or address at which the board is now.
     reach: Reach,
     /// USB serial number, by which a board is found again that was unplugged.
     serial: Option<String>,

@@ -21,7 +21,7 @@ use crate::options::BoardPlace;
 /// Longer than anything here takes.
 const LONG: Duration = Duration::from_secs(20);
 
-/// What a board does with a request.
+/// Reaction of a board to a request.
 pub(crate) enum Act {
     /// Sends these bytes, and serves on.
     Send(Vec<u8>),

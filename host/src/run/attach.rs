@@ -91,7 +91,7 @@ pub fn attach(options: AttachOptions) -> Result<Running, String> {
 /// Checks that the address of the drive's bus is one that masters can open.
 ///
 /// # Errors
-/// It is an address that only a drive of this program could have.
+/// The address is one that only a drive of this program can have.
 fn check_bus(bus: Option<&Uri>) -> Result<(), String> {
     match bus {
         Some(uri @ (Uri::Pty(_) | Uri::Stdio)) => Err(format!(

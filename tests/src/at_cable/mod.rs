@@ -215,7 +215,7 @@ impl Rig {
     /// The board's refusal.
     ///
     /// # Panics
-    /// As [`reply`](Self::reply).
+    /// The same as of [`reply`](Self::reply).
     pub fn call(
         &mut self,
         call: Call<'_>,

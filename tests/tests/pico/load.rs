@@ -26,7 +26,7 @@ fn call(number: u16, call: Call<'_>) -> Vec<u8> {
     encode(&Request { number, call }, &mut [0; FRAME]).expect("it fits").to_vec()
 }
 
-/// What the computer got from the control port.
+/// Messages from the control port.
 #[derive(Default)]
 struct Got {
     replies: Vec<u16>,

@@ -59,7 +59,7 @@ pub(crate) enum Drive {
 pub(crate) struct Run {
     /// Events of the board, ordered by time.
     pub(crate) did: Vec<(Nanos, OutputRecord)>,
-    /// What the computer at the USB cable saw, ordered by time.
+    /// Events at the computer's end of the USB cable, ordered by time.
     pub(crate) usb: Vec<(Nanos, String)>,
     /// The lines of the output that begin with `stat`, without that word.
     pub(crate) figures: Vec<String>,
@@ -181,7 +181,7 @@ impl Run {
         sent.map(|(at, _)| *at).collect()
     }
 
-    /// What the computer at the USB cable saw between `from` and `to`.
+    /// Events at the computer's end of the USB cable between `from` and `to`.
     pub(crate) fn seen(&self, from: Nanos, to: Nanos) -> Vec<&str> {
         let seen = self.usb.iter().filter(|(at, _)| (from..to).contains(at));
         seen.map(|(_, what)| what.as_str()).collect()

@@ -18,7 +18,7 @@ use crate::{START, TURN, image, image_of, value};
 /// 10 ms (7.1.7.3 and 7.1.7.5 of USB 2.0), and some 30 requests.
 const READY: Nanos = 200 * MS;
 
-/// What the computer learns about the device.
+/// Description of the device, as the computer reads it.
 const LEARNS: [&str; 7] = [
     "device 1209:0001",
     "manufacturer drivetwin",

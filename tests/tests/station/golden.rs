@@ -50,7 +50,7 @@ fn level(level: device::Level) -> Level {
     }
 }
 
-/// What the bench has recorded, as events of a board.
+/// Records of the bench, as events of a board.
 fn expected(trace: &Trace) -> Events {
     let mut events = vec![(0, format!("{:?}", Event::Power(true)))];
     let mut character = trace.drives[0].spec.ports[0].line.expect("a serial port").character();

@@ -15,12 +15,12 @@ use crate::events::{Level, Line};
 pub struct Request<'a> {
     /// Number that the reply will have.
     pub number: u16,
-    /// What the board shall do.
+    /// Call of the request.
     #[serde(borrow)]
     pub call: Call<'a>,
 }
 
-/// What a board shall do.
+/// A call: the action or the answer that the computer wants.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub enum Call<'a> {
     /// Tells what board this is: [`Answer::Hello`]. The call and its answer are the same in all versions.
@@ -124,7 +124,7 @@ pub enum Stimulus {
     Open,
     /// A voltage in mV, at an analogue input.
     Millivolts(i32),
-    /// What is wired to the pin drives it again.
+    /// Driven again by the wire at the pin.
     Wire,
 }
 
@@ -214,7 +214,7 @@ pub enum Refused {
     Flash,
 }
 
-/// What a board is.
+/// Description of a board.
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Serialize, Deserialize)]
 pub struct Hello<'a> {
     /// [`VERSION`](crate::VERSION) of the board.

@@ -1,4 +1,4 @@
-//! What a drive on a board received and did.
+//! Inputs and outputs of a drive on a board.
 
 use serde::{Deserialize, Serialize};
 
@@ -59,7 +59,7 @@ pub enum Event<'a> {
     Present(u8, bool),
     /// An input pin became high or low.
     Edge(u8, bool),
-    /// Nothing drives an input pin any more.
+    /// An input pin is no longer driven.
     Open(u8),
     /// An input pin has a voltage in mV.
     Millivolts(u8, i32),

@@ -29,7 +29,7 @@
 //! |---|---|
 //! | `frame` | frames |
 //! | `calls` | requests and their answers |
-//! | `events` | what the drive received and did |
+//! | `events` | inputs and outputs of the drive |
 #![no_std]
 
 mod calls;

@@ -19,7 +19,7 @@ pub(crate) fn this_is(kind: &'static str) {
     critical_section::with(|cs| OWN.borrow(cs).set(kind));
 }
 
-/// As [`Board::kind`](drivetwin_board::Board::kind). An image that was flashed alone has only its own kind.
+/// Name of a kind, as [`Board::kind`](drivetwin_board::Board::kind) gives it. An image that was flashed alone has only its own kind.
 pub(crate) fn kind(number: u8) -> Option<&'static str> {
     match directory() {
         Some(directory) => Some(directory.image(number.into())?.kind),
@@ -27,7 +27,7 @@ pub(crate) fn kind(number: u8) -> Option<&'static str> {
     }
 }
 
-/// As [`Board::choose`](drivetwin_board::Board::choose).
+/// Stores the choice and starts the board again, as [`Board::choose`](drivetwin_board::Board::choose) does.
 pub(crate) fn choose(kind: &str) -> Result<Infallible, Refused> {
     if !(0..=u8::MAX).map_while(self::kind).any(|known| known == kind) {
         return Err(Refused::Unknown);

@@ -76,7 +76,7 @@ const ROOM: usize = 256;
 /// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
-/// What the bus sends, for the cable.
+/// Characters that the bus sends, for the cable.
 pub(crate) const TAP: Option<&Tap> = {
     static TAP: Tap = Tap::new();
     Some(&TAP)

@@ -12,7 +12,7 @@ pub(crate) struct Echo {
 }
 
 impl Echo {
-    /// Nothing to send back.
+    /// An echo with nothing to send back.
     pub(crate) const fn new() -> Self {
         Self { bytes: [0; 63], held: 0 }
     }

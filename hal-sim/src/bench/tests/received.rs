@@ -1433,7 +1433,7 @@ fn a_request_to_an_rs_drive_that_restarts_has_an_entry() {
     assert!(words[1].starts_with("rs485 <- read SLAVE_ADDRESS_MODBUS -> starting for "), "{words:#?}");
 }
 
-/// What the other drives hear of a reply is no request, also beside noise, copies and other clients; what a client sends
+/// The reply that the other drives receive is no request, also beside noise, copies and other clients; what a client sends
 /// behind a reply has an entry.
 #[test]
 fn a_reply_on_a_line_with_collisions_is_no_request() {

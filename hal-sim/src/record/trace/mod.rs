@@ -208,7 +208,7 @@ pub enum Event {
     Received(Box<journal::Entry>),
     /// Events before this one are missing, because a board could not send them. In a text it is a comment.
     Missing {
-        /// Their number; `None` if it is unknown.
+        /// Number of missing events; `None` if it is unknown.
         events: Option<u64>,
     },
 }

@@ -1,4 +1,4 @@
-//! What the station does for a request of the computer.
+//! Execution of the computer's requests.
 
 use drivetwin_control::{
     Answer, Call, Event, Events, Hello, PIECE, Power, Refused, State, Statistics, Stimulus, VERSION,
@@ -20,7 +20,7 @@ const VALUES: u8 = 16;
 /// Greatest number of bytes of a number as postcard.
 const NUMBER: usize = 10;
 
-/// What the port of control needs of a drive.
+/// A drive, as the port of control uses it.
 pub(crate) trait Calls {
     /// Does what a call says. `piece` has room for the bytes of the answer.
     ///
@@ -84,7 +84,7 @@ where
 /// Makes the board a drive of another kind.
 ///
 /// # Errors
-/// It cannot be one of this kind.
+/// The board cannot be a drive of this kind.
 fn become_kind<B: Board>(kind: &str) -> Result<(), Refused> {
     let mut kinds = (0..).map_while(B::kind);
     if B::kind(0).is_some() && !kinds.any(|known| known == kind) {

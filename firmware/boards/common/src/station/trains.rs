@@ -23,7 +23,7 @@ struct Train {
     course: Course,
 }
 
-/// What a train does.
+/// Edges of a train.
 #[derive(Clone, Copy, Debug)]
 enum Course {
     /// Pulses away from the level `rest` and back.
