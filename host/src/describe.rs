@@ -4,10 +4,11 @@
 
 mod family;
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use drivetwin_firmware::device::{self, Framing, Level, Pin, PinSpec, Role, Spec};
-use drivetwin_protocol::registers::{Legal, Row, Shape, Space, Table, characters};
+use drivetwin_protocol::registers::{self, Legal, Row, Shape, Space, Table, characters};
 use drivetwin_sim::value::Value;
 use serde::Serialize;
 
@@ -127,7 +128,24 @@ struct Register {
     default: Value,
     saved_bits: u16,
     doc: String,
+    fields: Vec<Field>,
     not_modelled: Option<&'static str>,
+}
+
+/// Bits of a register that have a meaning of their own.
+#[derive(Serialize)]
+struct Field {
+    /// `12:8`, `5`, or `15:0` for a whole register.
+    bits: String,
+    name: &'static str,
+    /// Names of values.
+    values: BTreeMap<u16, &'static str>,
+}
+
+impl Field {
+    fn of(field: &registers::Field) -> Self {
+        Self { bits: bits(field), name: field.name, values: field.values.iter().copied().collect() }
+    }
 }
 
 impl Register {
@@ -157,6 +175,7 @@ impl Register {
             default: Value::of(table, row.shape, row.reset),
             saved_bits: row.saved,
             doc: doc(row),
+            fields: row.fields.iter().map(Field::of).collect(),
             not_modelled: (!row.missing.is_empty()).then_some(row.missing),
         }
     }
@@ -325,6 +344,11 @@ fn sections(spec: &Spec) -> Vec<Section> {
             columns: NAMED,
             rows: by_name(Space::Setting).collect(),
         },
+        Section {
+            title: "Bits and values of registers",
+            columns: &["Register", "Bits", "Meaning", "Values"],
+            rows: rows().flat_map(fields).collect(),
+        },
         Section { title: NOT_MODELLED, columns: &[], rows: missing.collect() },
     ];
     sections.into_iter().filter(|section| !section.rows.is_empty()).collect()
@@ -421,6 +445,23 @@ fn shape(row: &Row) -> String {
 
 fn doc(row: &Row) -> String {
     row.doc.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Rows of the table of fields: register, bits, meaning, values with a name.
+fn fields(row: &Row) -> impl Iterator<Item = Vec<String>> {
+    row.fields.iter().map(|field| {
+        let values: Vec<_> = field.values.iter().map(|(value, name)| format!("{value} = {name}")).collect();
+        let (bits, name) = match field.name {
+            "" => ("all".into(), "value"),
+            name => (bits(field), name),
+        };
+        vec![row.name.into(), bits, name.into(), values.join("; ")]
+    })
+}
+
+/// The bits of a field: `12:8` or `5`.
+fn bits(field: &registers::Field) -> String {
+    if field.high == field.low { field.low.to_string() } else { format!("{}:{}", field.high, field.low) }
 }
 
 /// The other names of a pin.
