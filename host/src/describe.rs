@@ -7,9 +7,11 @@ mod family;
 use std::fmt::Write as _;
 
 use drivetwin_firmware::device::{self, Framing, Level, Pin, PinSpec, Role, Spec};
+use drivetwin_panel::schema::ValueSchema;
 use drivetwin_protocol::registers::{Legal, Row, Shape, Space, Table, characters};
 use drivetwin_sim::value::Value;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Description of a kind as JSON, on one line.
 pub fn json(spec: &Spec) -> String {
@@ -61,8 +63,10 @@ pub fn json(spec: &Spec) -> String {
     serde_json::to_string(&kind).expect("plain numbers and text")
 }
 
-#[derive(Serialize)]
-struct Kind {
+/// A kind of drive.
+#[derive(Serialize, ToSchema)]
+#[schema(as = KindDescription)]
+pub(crate) struct Kind {
     kind: &'static str,
     product: &'static str,
     manual: &'static str,
@@ -78,14 +82,16 @@ struct Kind {
     not_modelled: &'static [&'static str],
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = PortDescription)]
 struct Port {
     name: &'static str,
     message_ends: &'static str,
     line: Option<String>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = PinDescription)]
 struct PinOf {
     name: &'static str,
     aliases: Vec<&'static str>,
@@ -93,21 +99,24 @@ struct PinOf {
     rest: &'static str,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = AxisDescription)]
 struct Axis {
     name: &'static str,
     step: Option<&'static str>,
     direction: Option<&'static str>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = EncoderDescription)]
 struct Encoder {
     a: &'static str,
     b: &'static str,
     index: Option<&'static str>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = RegisterDescription)]
 struct Register {
     name: &'static str,
     section: &'static str,
@@ -124,6 +133,7 @@ struct Register {
     /// Minimum and maximum of each word, in bus order; only for rows that are not one number.
     words: Option<Vec<(u16, u16)>>,
     acts_within: Option<(i64, i64)>,
+    #[schema(value_type = ValueSchema)]
     default: Value,
     saved_bits: u16,
     doc: String,
@@ -162,7 +172,8 @@ impl Register {
     }
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = CommandDescription)]
 struct Command {
     code: u16,
     name: &'static str,
