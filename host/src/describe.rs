@@ -8,9 +8,11 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use drivetwin_firmware::device::{self, Framing, Level, Pin, PinSpec, Role, Spec};
+use drivetwin_panel::schema::ValueSchema;
 use drivetwin_protocol::registers::{self, Legal, Row, Shape, Space, Table, characters};
 use drivetwin_sim::value::Value;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Description of a kind as JSON, on one line.
 pub fn json(spec: &Spec) -> String {
@@ -62,8 +64,10 @@ pub fn json(spec: &Spec) -> String {
     serde_json::to_string(&kind).expect("plain numbers and text")
 }
 
-#[derive(Serialize)]
-struct Kind {
+/// A kind of drive.
+#[derive(Serialize, ToSchema)]
+#[schema(as = KindDescription)]
+pub(crate) struct Kind {
     kind: &'static str,
     product: &'static str,
     manual: &'static str,
@@ -79,14 +83,16 @@ struct Kind {
     not_modelled: &'static [&'static str],
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = PortDescription)]
 struct Port {
     name: &'static str,
     message_ends: &'static str,
     line: Option<String>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = PinDescription)]
 struct PinOf {
     name: &'static str,
     aliases: Vec<&'static str>,
@@ -94,21 +100,24 @@ struct PinOf {
     rest: &'static str,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = AxisDescription)]
 struct Axis {
     name: &'static str,
     step: Option<&'static str>,
     direction: Option<&'static str>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = EncoderDescription)]
 struct Encoder {
     a: &'static str,
     b: &'static str,
     index: Option<&'static str>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = RegisterDescription)]
 struct Register {
     name: &'static str,
     section: &'static str,
@@ -125,6 +134,7 @@ struct Register {
     /// Minimum and maximum of each word, in bus order; only for rows that are not one number.
     words: Option<Vec<(u16, u16)>>,
     acts_within: Option<(i64, i64)>,
+    #[schema(value_type = ValueSchema)]
     default: Value,
     saved_bits: u16,
     doc: String,
@@ -133,12 +143,14 @@ struct Register {
 }
 
 /// Bits of a register that have a meaning of their own.
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = FieldDescription)]
 struct Field {
     /// `12:8`, `5`, or `15:0` for a whole register.
     bits: String,
     name: &'static str,
     /// Names of values.
+    #[schema(value_type = BTreeMap<String, String>)]
     values: BTreeMap<u16, &'static str>,
 }
 
@@ -181,7 +193,8 @@ impl Register {
     }
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = CommandDescription)]
 struct Command {
     code: u16,
     name: &'static str,
