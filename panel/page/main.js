@@ -1,0 +1,165 @@
+// The frame of the page: the connection to the bench, the route `#/NAME`, and one drawing per animation frame.
+
+import { backend } from "./backend.js";
+import { button, el, text } from "./dom.js";
+import { downloads } from "./downloads.js";
+import { driveView } from "./drive.js";
+import { driveList } from "./drives.js";
+import { overview } from "./overview.js";
+import { Store } from "./state.js";
+import { timeControl } from "./time.js";
+
+const $ = id => document.getElementById(id);
+const store = new Store();
+const kinds = new Map();
+const refusals = new Map();
+
+/** What the views share. */
+const app = {
+  backend,
+  store,
+  /** Number of messages that a drive has refused, as far as the page knows. */
+  refused: name => Math.max(refusals.get(name) ?? 0, store.state.drives?.[name]?.refused ?? 0),
+  /** The description of a kind, asked for once. */
+  async kind(name) {
+    if (!kinds.has(name)) {
+      const answer = await backend.call("GET", `kinds/${encodeURIComponent(name)}`);
+      if (!answer.ok) return null;
+      kinds.set(name, answer.body);
+    }
+    return kinds.get(name);
+  },
+  /** Makes a call, and shows the sentence of a refusal. */
+  async act(method, path, body) {
+    const answer = await backend.call(method, path, body);
+    if (!answer.ok) app.say(answer.body?.detail ?? `The bench refused the call (${answer.status}).`);
+    return answer;
+  },
+  /** Shows a sentence for a while. */
+  say(sentence) {
+    const close = button("Close", { class: "ghost" }, () => note.remove());
+    const note = el("div", { class: "notice" }, el("span", {}, sentence), close);
+    const notices = $("notices");
+    if (notices.childElementCount >= 3) notices.firstElementChild.remove();
+    notices.append(note);
+    setTimeout(() => note.remove(), 10_000);
+  },
+  /** The reason why this bench cannot do something, by the names of the contract; undefined if it can. */
+  cannot: (...names) => names.map(name => store.state.cannot?.[name]).find(reason => reason !== undefined),
+};
+
+const list = driveList(app, $("list"));
+const time = timeControl(app, $("time"));
+const downloadMenu = downloads(app, $("downloads"));
+
+let view = null;
+let shown; // name of the shown drive, null for the overview, undefined before the first route
+let stop = () => {};
+let frame = 0;
+let firstVisit = location.hash === "";
+
+function route() {
+  const match = location.hash.match(/^#\/(.+)$/);
+  let name = null;
+  try {
+    name = match ? decodeURIComponent(match[1]) : null;
+  } catch {
+    // A hand-made address that is no name shows the bench.
+  }
+  if (name === shown) return;
+  shown = name;
+  stop();
+  view?.close();
+  view = null;
+  setList(false);
+  stop = backend.follow(name, onUpdate, onConnection);
+  list.choose(name);
+}
+
+function onUpdate(update, whole) {
+  for (const entry of update.traffic ?? []) {
+    if (entry.verdict === "refused" && entry.drive) refusals.set(entry.drive, (refusals.get(entry.drive) ?? 0) + 1);
+  }
+  store.take(update, whole);
+  if (whole && !view) open();
+  view?.take?.(update, whole);
+  if (!frame) frame = requestAnimationFrame(draw);
+}
+
+/** Opens the view of the route, now that the bench's state is known. */
+function open() {
+  const names = Object.keys(store.state.drives ?? {});
+  if (firstVisit && names.length === 1) {
+    firstVisit = false;
+    location.replace(`#/${encodeURIComponent(names[0])}`);
+    return;
+  }
+  firstVisit = false;
+  if (shown !== null && !store.state.drive) {
+    $("content").replaceChildren(
+      el("div", { class: "empty" }, el("p", {}, `There is no drive '${shown}' on this bench.`), el("a", { href: "#/" }, "Show the bench")));
+    return;
+  }
+  view = shown === null ? overview(app) : driveView(app, shown);
+  document.title = shown === null ? "drivetwin" : `${shown} · drivetwin`;
+  $("content").replaceChildren(view.node);
+  scrollTo(0, 0);
+}
+
+function draw() {
+  frame = 0;
+  const news = store.drain();
+  list.update(news);
+  time.update(news);
+  downloadMenu.update(news);
+  view?.update(news);
+}
+
+function onConnection(state) {
+  const lost = state !== true;
+  document.documentElement.classList.toggle("lost", lost);
+  $("link").className = lost ? "lost" : "";
+  text($("link"), lost ? state : "");
+}
+
+function setList(open) {
+  document.body.classList.toggle("list-open", open);
+  $("list-toggle").setAttribute("aria-expanded", open);
+}
+
+$("list-toggle").addEventListener("click", () => {
+  const opened = !document.body.classList.contains("list-open");
+  setList(opened);
+  if (opened) list.focus();
+});
+
+const THEMES = ["system", "light", "dark"];
+function theme(choice) {
+  if (choice === "system") {
+    localStorage.removeItem("theme");
+    delete document.documentElement.dataset.theme;
+  } else {
+    localStorage.setItem("theme", choice);
+    document.documentElement.dataset.theme = choice;
+  }
+  $("theme").setAttribute("aria-label", `Theme: ${choice}`);
+  text($("theme"), { system: "Auto", light: "Light", dark: "Dark" }[choice]);
+  dispatchEvent(new Event("theme"));
+}
+let chosenTheme = document.documentElement.dataset.theme ?? "system";
+theme(chosenTheme);
+$("theme").addEventListener("click", () => {
+  chosenTheme = THEMES[(THEMES.indexOf(chosenTheme) + 1) % THEMES.length];
+  theme(chosenTheme);
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => dispatchEvent(new Event("theme")));
+
+document.addEventListener("keydown", event => {
+  if (event.key === "/" && !/^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) {
+    event.preventDefault();
+    if (matchMedia("(max-width: 860px)").matches) setList(true);
+    list.focus();
+  }
+});
+addEventListener("hashchange", route);
+route();

@@ -1,0 +1,204 @@
+// The bench: its figures, a drawing of lines, drives, motors and wires, the faults of its lines, and all traffic.
+
+import { attr, card, el, svg, text } from "./dom.js";
+import { lineCard } from "./line.js";
+import { trafficCard } from "./traffic.js";
+import { number } from "./format.js";
+
+const MOST_DRAWN = 60; // drives
+const MOST_LINES = 24;
+const BOX = { width: 168, height: 74, gap: 20 };
+
+export function overview(app) {
+  const traffic = trafficCard(app);
+  const figures = el("dl", { class: "bench-figures" });
+  const values = new Map(["drives", "moving", "without power", "with faults", "lines", "refused"].map(name => {
+    const value = el("dd", {});
+    figures.append(el("div", {}, el("dt", {}, name), value));
+    return [name, value];
+  }));
+  const drawing = el("div", { class: "drawing" });
+  const wires = el("ul", { class: "wires" });
+  const sketch = card("Bench", { class: "sketch" }, null, drawing, wires);
+  const lineBox = el("div", { class: "line-cards" });
+  const choice = el("select", { "aria-label": "Line" });
+  const lines = el("div", { class: "lines" }, el("label", { class: "row" }, "Line ", choice), lineBox);
+  const node = el("article", { class: "overview", "aria-label": "Bench" },
+    el("header", { class: "drive-head" }, el("div", {}, el("h1", {}, "Bench"), figures)),
+    sketch, el("div", { class: "columns" }, el("div", { class: "screens" }, traffic.node), el("div", { class: "controls" }, lines)));
+  let line = null, picture = new Map();
+
+  const chooseLine = name => {
+    line = lineCard(app, name);
+    lineBox.replaceChildren(line.node);
+    line.update({ changes: {}, whole: true });
+  };
+  choice.addEventListener("change", () => chooseLine(choice.value));
+
+  const build = () => {
+    const { buses = {}, wires: list = [] } = app.store.state;
+    picture = draw(app, drawing, list);
+    wires.replaceChildren(...list.map(({ from, to }) => el("li", {}, el("code", {}, from), " → ", el("code", {}, to))));
+    wires.hidden = list.length === 0;
+    const names = Object.keys(buses);
+    const kept = choice.value;
+    choice.replaceChildren(...names.map(name => el("option", { value: name }, name)));
+    lines.hidden = names.length === 0;
+    if (names.length) {
+      choice.value = names.includes(kept) ? kept : names[0];
+      chooseLine(choice.value);
+    }
+  };
+  const observer = new ResizeObserver(() => {
+    if (picture.size && Math.abs(drawing.clientWidth - picture.width) > 20) {
+      picture = draw(app, drawing, app.store.state.wires ?? []);
+      refresh();
+    }
+  });
+  observer.observe(drawing);
+
+  const refresh = () => picture.forEach((change, name) => change(app.store.state, name));
+
+  return {
+    node,
+    update(news) {
+      const { state } = app.store;
+      const { changes, whole } = news;
+      const added = Object.values(changes.drives ?? {}).some(drive => drive === null || drive.kind !== undefined);
+      if (whole || added || changes.wires) build();
+      traffic.update(news);
+      line?.update(news);
+      if (!whole && !changes.drives && !changes.motors && !changes.buses && !news.traffic.length) return;
+      if (whole || added || changes.drives || news.traffic.length) {
+        const drives = Object.entries(state.drives ?? {});
+        text(values.get("drives"), number(drives.length));
+        text(values.get("moving"), number(drives.filter(([, drive]) => drive.moving).length));
+        text(values.get("without power"), number(drives.filter(([, drive]) => !drive.powered).length));
+        text(values.get("with faults"), number(drives.filter(([, drive]) => drive.fault).length));
+        text(values.get("lines"), number(Object.keys(state.buses ?? {}).length));
+        const refused = drives.reduce((sum, [name]) => sum + app.refused(name), 0);
+        text(values.get("refused"), number(refused));
+        attr(values.get("refused"), "class", refused ? "bad" : null);
+      }
+      refresh();
+    },
+    close: () => observer.disconnect(),
+  };
+}
+
+/** Drives that share lines, as groups: `{buses, drives}`. */
+function groupsOf(buses, drives) {
+  const groups = [];
+  for (const [name, bus] of Object.entries(buses)) {
+    const met = groups.filter(group => bus.drives.some(drive => group.drives.has(drive)));
+    const group = { buses: [name], drives: new Set(bus.drives) };
+    for (const other of met) {
+      group.buses.unshift(...other.buses);
+      group.drives = new Set([...other.drives, ...group.drives]);
+      groups.splice(groups.indexOf(other), 1);
+    }
+    groups.push(group);
+  }
+  const listed = new Set(groups.flatMap(group => [...group.drives]));
+  for (const name of Object.keys(drives)) if (!listed.has(name)) groups.push({ buses: [], drives: new Set([name]) });
+  const place = group => Math.min(...[...group.drives].map(name => drives[name]?.index ?? 0));
+  return groups.sort((a, b) => place(a) - place(b));
+}
+
+/** Draws the bench; returns what redraws each drive or motor. */
+function draw(app, box, wires) {
+  const { drives = {}, buses = {}, motors = {} } = app.store.state;
+  const changes = new Map();
+  changes.width = box.clientWidth;
+  if (Object.keys(drives).length > MOST_DRAWN) {
+    box.replaceChildren(el("p", { class: "empty" }, `${number(Object.keys(drives).length)} drives are too many for a drawing. Search the list for a drive.`));
+    return changes;
+  }
+  const width = Math.max(300, box.clientWidth);
+  const step = BOX.width + BOX.gap;
+  const perRow = Math.max(1, Math.floor((width + BOX.gap) / step));
+  const items = [], under = [], over = [];
+  const places = new Map();
+  let x = 0, y = 0, rowHeight = 0;
+  const rail = 22;
+
+  for (const group of groupsOf(buses, drives)) {
+    const names = [...group.drives].filter(name => drives[name]);
+    const hasMotor = names.some(name => Object.values(motors).some(motor => motor.drive === name));
+    const rows = Math.ceil(names.length / perRow);
+    const columns = Math.min(perRow, names.length);
+    const head = group.buses.length * rail + 14;
+    const drawnHeight = head + rows * (BOX.height + (hasMotor ? 74 : 0) + 26);
+    if (x > 0 && x + columns * step - BOX.gap > width) {
+      x = 0;
+      y += rowHeight + 14;
+      rowHeight = 0;
+    }
+    group.buses.forEach((bus, i) => {
+      const at = y + i * rail + 14;
+      const isTcp = buses[bus].line === null;
+      under.push(svg("line", { x1: x, x2: x + columns * step - BOX.gap, y1: at, y2: at, class: isTcp ? "rail tcp" : "rail" }));
+      over.push(svg("text", { x: x, y: at - 5, class: "rail-name" }, bus, svg("tspan", { class: "rail-line", dx: 6 }, buses[bus].line ?? "TCP")));
+      names.forEach((name, n) => {
+        if (!buses[bus].drives.includes(name) || n >= perRow) return;
+        const tap = x + (n % perRow) * step + 24 + i * 14;
+        under.push(svg("line", { x1: tap, x2: tap, y1: at, y2: y + head, class: isTcp ? "tap tcp" : "tap" }), svg("circle", { cx: tap, cy: at, r: 3, class: "tap-dot" }));
+      });
+    });
+    names.forEach((name, n) => {
+      const left = x + (n % perRow) * step, top = y + head + Math.floor(n / perRow) * (BOX.height + (hasMotor ? 74 : 0) + 26);
+      const lamp = svg("circle", { cx: BOX.width - 16, cy: 18, r: 4.5, class: "lamp" });
+      const figure = svg("text", { x: 14, y: 60, class: "box-figure" });
+      const badge = svg("text", { x: BOX.width - 12, y: 60, class: "box-refused", "text-anchor": "end" });
+      const link = svg("a", { href: `#/${encodeURIComponent(name)}`, transform: `translate(${left} ${top})`, class: "box" },
+        svg("title", {}, `${name}, ${drives[name].kind}`), svg("rect", { width: BOX.width, height: BOX.height, rx: 7 }),
+        svg("text", { x: 14, y: 23, class: "box-name" }, name.length > 16 ? `${name.slice(0, 15)}…` : name), svg("text", { x: 14, y: 40, class: "box-kind" }, drives[name].kind), lamp, figure, badge);
+      items.push(link);
+      const motor = Object.entries(motors).find(([, motor]) => motor.drive === name);
+      let shaft = null;
+      if (motor) {
+        const cx = left + 34, cy = top + BOX.height + 40;
+        shaft = svg("g", {}, svg("line", { x1: 0, x2: 0, y1: -6, y2: -17, class: "shaft-mark" }));
+        under.push(svg("line", { x1: cx, x2: cx, y1: top + BOX.height, y2: cy - 20, class: "tap motor" }));
+        items.push(svg("g", { transform: `translate(${cx} ${cy})`, class: "motor-sign" }, svg("circle", { r: 20 }), shaft, svg("text", { x: 30, y: -2, class: "box-kind" }, `motor ${motor[0]}`)));
+        places.set(motor[0], { x: cx + 14, y: cy + 14 });
+        const rpm = svg("text", { x: cx + 30, y: cy + 14, class: "box-figure" });
+        items.push(rpm);
+        changes.set(`motor ${motor[0]}`, state => {
+          const now = state.motors?.[motor[0]];
+          if (!now) return;
+          attr(shaft, "transform", `rotate(${(((now.revolutions % 1) + 1) % 1 * 360).toFixed(1)})`);
+          text(rpm, `${number(now.rpm)} rpm`);
+        });
+      }
+      places.set(name, { x: left + BOX.width - 40, y: top + BOX.height });
+      changes.set(name, state => {
+        const drive = state.drives?.[name];
+        if (!drive) return;
+        attr(lamp, "data-state", !drive.powered ? "off" : drive.fault ? "fault" : drive.moving ? "moving" : "idle");
+        text(figure, !drive.powered ? "no power" : drive.position === undefined ? "" : number(drive.position));
+        const refused = app.refused(name);
+        text(badge, refused ? `${number(refused)} refused` : "");
+      });
+    });
+    x += columns * step + 16;
+    rowHeight = Math.max(rowHeight, drawnHeight);
+  }
+
+  const paths = [];
+  const outside = end => {
+    const name = [...places.keys()].filter(name => end === name || end.startsWith(`${name}.`)).sort((a, b) => b.length - a.length)[0];
+    return name === undefined ? null : places.get(name);
+  };
+  wires.forEach(({ from, to }, i) => {
+    const a = outside(from), b = outside(to);
+    if (!a || !b) return;
+    const shift = (i % 5) * 9;
+    const low = Math.max(a.y, b.y) + 34 + shift;
+    paths.push(svg("path", { d: `M${a.x + shift} ${a.y}C${a.x + shift} ${low} ${b.x + shift} ${low} ${b.x + shift} ${b.y}`, class: "wire" }, svg("title", {}, `${from} → ${to}`)),
+      svg("circle", { cx: b.x + shift, cy: b.y, r: 2.6, class: "wire-end" }));
+  });
+  const height = y + rowHeight + 6;
+  box.replaceChildren(svg("svg", { width, height, viewBox: `-2 0 ${width + 2} ${height}`, role: "group", "aria-label": "Drawing of the bench" }, ...under, ...paths, ...items, ...over));
+  return changes;
+}
