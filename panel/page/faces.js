@@ -87,3 +87,6 @@ export function faceOf(kind, pins) {
 
 /** The color of a light, from its name where the product does not say. */
 export const colorOf = (led, known) => known ?? ["red", "green", "yellow", "blue"].find(color => led.toLowerCase().includes(color)) ?? "amber";
+
+/** The color of a light of a kind. */
+export const ledColor = (kind, led) => colorOf(led, PRODUCTS.find(([pattern]) => pattern.test(kind))?.[1].leds[led]?.[1]);

@@ -23,6 +23,20 @@ async function call(method, path, body) {
   return { ok: response.ok, status: response.status, body: parsed };
 }
 
+/** Why a stream of events cannot be had: an EventSource does not tell. Null if the bench does not answer, or now would. */
+async function refusalOf(path) {
+  const abort = new AbortController();
+  try {
+    const response = await fetch(path, { signal: abort.signal });
+    if (!response.ok) return { status: response.status, detail: (await response.json()).detail };
+  } catch {
+    // No answer, or none in JSON: there is no reason to show.
+  } finally {
+    abort.abort();
+  }
+  return null;
+}
+
 function follow(drive, onUpdate, onConnection) {
   const path = drive === null ? "api/live" : `api/live?drive=${encodeURIComponent(drive)}`;
   let source, retry, stopped = false, wait = 250;
@@ -35,11 +49,12 @@ function follow(drive, onUpdate, onConnection) {
       onUpdate(JSON.parse(event.data), whole);
       whole = false;
     });
-    // The browser's own repetition gives up at an HTTP error, and knows no limit of its pauses: one of our own holds.
-    source.addEventListener("error", () => {
+    source.addEventListener("error", async () => {
       source.close();
+      const refusal = await refusalOf(path);
       if (stopped) return;
-      onConnection("The bench does not answer; trying again");
+      if (refusal?.status === 404) return onConnection(refusal.detail, true);
+      onConnection(refusal ? `${refusal.detail}; trying again` : "Connection lost; trying again");
       retry = setTimeout(connect, wait);
       wait = Math.min(2 * wait, SLOWEST_RETRY);
     });

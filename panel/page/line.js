@@ -76,7 +76,7 @@ export function lineCard(app, name, attributes = {}) {
       attr(mute, "aria-checked", now.faults.mute === true);
       if (document.activeElement !== code) code.value = now.faults.exception_code ?? 4;
       if (document.activeElement !== baud) baud.value = now.faults.baud ?? "";
-      greyed(body, app.cannot(`faults of ${name}`, "faults of a line", "faults", "line"));
+      greyed(body, app.cannot("line_faults"));
     },
   };
 }

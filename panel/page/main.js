@@ -12,14 +12,14 @@ import { timeControl } from "./time.js";
 const $ = id => document.getElementById(id);
 const store = new Store();
 const kinds = new Map();
-const refusals = new Map();
+const refusals = new Map(); // by drive: {count, last}, `last` the number of the last message that was counted
 
 /** What the views share. */
 const app = {
   backend,
   store,
   /** Number of messages that a drive has refused, as far as the page knows. */
-  refused: name => Math.max(refusals.get(name) ?? 0, store.state.drives?.[name]?.refused ?? 0),
+  refused: name => refusals.get(name)?.count ?? 0,
   /** The description of a kind, asked for once. */
   async kind(name) {
     if (!kinds.has(name)) {
@@ -77,13 +77,29 @@ function route() {
 }
 
 function onUpdate(update, whole) {
-  for (const entry of update.traffic ?? []) {
-    if (entry.verdict === "refused" && entry.drive) refusals.set(entry.drive, (refusals.get(entry.drive) ?? 0) + 1);
-  }
+  if (whole && update.state.time.seconds < (store.state.time?.seconds ?? 0)) refusals.clear(); // another bench
   store.take(update, whole);
+  countRefusals(update);
   if (whole && !view) open();
   view?.take?.(update, whole);
   if (!frame) frame = requestAnimationFrame(draw);
+}
+
+/** Counts refused messages: those that came by, or the greater number that the ports of the shown drive have counted. */
+function countRefusals(update) {
+  const of = name => {
+    if (!refusals.has(name)) refusals.set(name, { count: 0, last: 0 });
+    return refusals.get(name);
+  };
+  for (const { drive, number, verdict } of update.traffic ?? []) {
+    if (!drive || number <= of(drive).last) continue; // seen already: after a reconnection the latest ones come again
+    of(drive).last = number;
+    if (verdict === "refused") of(drive).count++;
+  }
+  const ports = update.state?.drive?.ports;
+  if (!ports) return;
+  const counted = Object.values(store.state.drive.ports).reduce((sum, port) => sum + (port.refused ?? 0), 0);
+  of(shown).count = Math.max(of(shown).count, counted);
 }
 
 /** Opens the view of the route, now that the bench's state is known. */
@@ -95,11 +111,6 @@ function open() {
     return;
   }
   firstVisit = false;
-  if (shown !== null && !store.state.drive) {
-    $("content").replaceChildren(
-      el("div", { class: "empty" }, el("p", {}, `There is no drive '${shown}' on this bench.`), el("a", { href: "#/" }, "Show the bench")));
-    return;
-  }
   view = shown === null ? overview(app) : driveView(app, shown);
   document.title = shown === null ? "drivetwin" : `${shown} · drivetwin`;
   $("content").replaceChildren(view.node);
@@ -115,8 +126,15 @@ function draw() {
   view?.update(news);
 }
 
-function onConnection(state) {
+function onConnection(state, isFinal = false) {
   const lost = state !== true;
+  if (lost && isFinal) {
+    view?.close();
+    view = null;
+    $("content").replaceChildren(el("div", { class: "empty" }, el("p", {}, state), el("a", { href: "#/" }, "Show the bench")));
+    text($("link"), "");
+    return;
+  }
   document.documentElement.classList.toggle("lost", lost);
   $("link").className = lost ? "lost" : "";
   text($("link"), lost ? state : "");

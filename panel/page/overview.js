@@ -1,12 +1,12 @@
 // The bench: its figures, a drawing of lines, drives, motors and wires, the faults of its lines, and all traffic.
 
 import { attr, card, el, svg, text } from "./dom.js";
+import { ledColor } from "./faces.js";
 import { lineCard } from "./line.js";
 import { trafficCard } from "./traffic.js";
 import { number } from "./format.js";
 
 const MOST_DRAWN = 60; // drives
-const MOST_LINES = 24;
 const BOX = { width: 168, height: 74, gap: 20 };
 
 export function overview(app) {
@@ -18,8 +18,7 @@ export function overview(app) {
     return [name, value];
   }));
   const drawing = el("div", { class: "drawing" });
-  const wires = el("ul", { class: "wires" });
-  const sketch = card("Bench", { class: "sketch" }, null, drawing, wires);
+  const sketch = card("Wiring", { class: "sketch" }, null, drawing);
   const lineBox = el("div", { class: "line-cards" });
   const choice = el("select", { "aria-label": "Line" });
   const lines = el("div", { class: "lines" }, el("label", { class: "row" }, "Line ", choice), lineBox);
@@ -38,14 +37,12 @@ export function overview(app) {
   const build = () => {
     const { buses = {}, wires: list = [] } = app.store.state;
     picture = draw(app, drawing, list);
-    wires.replaceChildren(...list.map(({ from, to }) => el("li", {}, el("code", {}, from), " → ", el("code", {}, to))));
-    wires.hidden = list.length === 0;
     const names = Object.keys(buses);
     const kept = choice.value;
     choice.replaceChildren(...names.map(name => el("option", { value: name }, name)));
     lines.hidden = names.length === 0;
     if (names.length) {
-      choice.value = names.includes(kept) ? kept : names[0];
+      choice.value = names.includes(kept) ? kept : names.reduce((best, name) => (buses[name].drives.length > buses[best].drives.length ? name : best), names[0]);
       chooseLine(choice.value);
     }
   };
@@ -114,7 +111,7 @@ function draw(app, box, wires) {
     box.replaceChildren(el("p", { class: "empty" }, `${number(Object.keys(drives).length)} drives are too many for a drawing. Search the list for a drive.`));
     return changes;
   }
-  const width = Math.max(300, box.clientWidth);
+  const width = Math.max(260, box.clientWidth - 36);
   const step = BOX.width + BOX.gap;
   const perRow = Math.max(1, Math.floor((width + BOX.gap) / step));
   const items = [], under = [], over = [];
@@ -137,22 +134,30 @@ function draw(app, box, wires) {
     group.buses.forEach((bus, i) => {
       const at = y + i * rail + 14;
       const isTcp = buses[bus].line === null;
-      under.push(svg("line", { x1: x, x2: x + columns * step - BOX.gap, y1: at, y2: at, class: isTcp ? "rail tcp" : "rail" }));
+      under.push(svg("line", { x1: x, x2: x + columns * step - BOX.gap + (rows > 1 ? 12 : 0), y1: at, y2: at, class: isTcp ? "rail tcp" : "rail" }));
       over.push(svg("text", { x: x, y: at - 5, class: "rail-name" }, bus, svg("tspan", { class: "rail-line", dx: 6 }, buses[bus].line ?? "TCP")));
       names.forEach((name, n) => {
-        if (!buses[bus].drives.includes(name) || n >= perRow) return;
-        const tap = x + (n % perRow) * step + 24 + i * 14;
+        if (!buses[bus].drives.includes(name)) return;
+        if (n >= perRow) {
+          // Drives of further rows hang on a line beside the boxes.
+          const side = x + (n % perRow) * step + BOX.width + 7 + i * 5;
+          const middle = y + head + Math.floor(n / perRow) * (BOX.height + (hasMotor ? 74 : 0) + 26) + 36;
+          under.push(svg("path", { d: `M${side} ${at}V${middle}H${side - 10}`, class: isTcp ? "tap tcp" : "tap" }), svg("circle", { cx: side, cy: at, r: 3, class: "tap-dot" }));
+          return;
+        }
+        const tap = x + (n % perRow) * step + BOX.width - 22 - i * 14;
         under.push(svg("line", { x1: tap, x2: tap, y1: at, y2: y + head, class: isTcp ? "tap tcp" : "tap" }), svg("circle", { cx: tap, cy: at, r: 3, class: "tap-dot" }));
       });
     });
     names.forEach((name, n) => {
       const left = x + (n % perRow) * step, top = y + head + Math.floor(n / perRow) * (BOX.height + (hasMotor ? 74 : 0) + 26);
       const lamp = svg("circle", { cx: BOX.width - 16, cy: 18, r: 4.5, class: "lamp" });
+      const lights = svg("g", { class: "lights" });
       const figure = svg("text", { x: 14, y: 60, class: "box-figure" });
       const badge = svg("text", { x: BOX.width - 12, y: 60, class: "box-refused", "text-anchor": "end" });
       const link = svg("a", { href: `#/${encodeURIComponent(name)}`, transform: `translate(${left} ${top})`, class: "box" },
         svg("title", {}, `${name}, ${drives[name].kind}`), svg("rect", { width: BOX.width, height: BOX.height, rx: 7 }),
-        svg("text", { x: 14, y: 23, class: "box-name" }, name.length > 16 ? `${name.slice(0, 15)}…` : name), svg("text", { x: 14, y: 40, class: "box-kind" }, drives[name].kind), lamp, figure, badge);
+        svg("text", { x: 14, y: 23, class: "box-name" }, name.length > 16 ? `${name.slice(0, 15)}…` : name), svg("text", { x: 14, y: 40, class: "box-kind" }, drives[name].kind), lamp, lights, figure, badge);
       items.push(link);
       const motor = Object.entries(motors).find(([, motor]) => motor.drive === name);
       let shaft = null;
@@ -161,7 +166,7 @@ function draw(app, box, wires) {
         shaft = svg("g", {}, svg("line", { x1: 0, x2: 0, y1: -6, y2: -17, class: "shaft-mark" }));
         under.push(svg("line", { x1: cx, x2: cx, y1: top + BOX.height, y2: cy - 20, class: "tap motor" }));
         items.push(svg("g", { transform: `translate(${cx} ${cy})`, class: "motor-sign" }, svg("circle", { r: 20 }), shaft, svg("text", { x: 30, y: -2, class: "box-kind" }, `motor ${motor[0]}`)));
-        places.set(motor[0], { x: cx + 14, y: cy + 14 });
+        places.set(motor[0], { x: cx - 8, y: cy + 18, taken: 0 });
         const rpm = svg("text", { x: cx + 30, y: cy + 14, class: "box-figure" });
         items.push(rpm);
         changes.set(`motor ${motor[0]}`, state => {
@@ -171,12 +176,17 @@ function draw(app, box, wires) {
           text(rpm, `${number(now.rpm)} rpm`);
         });
       }
-      places.set(name, { x: left + BOX.width - 40, y: top + BOX.height });
+      places.set(name, { x: left + BOX.width - 46, y: top + BOX.height, taken: 0 });
       changes.set(name, state => {
         const drive = state.drives?.[name];
         if (!drive) return;
         attr(lamp, "data-state", !drive.powered ? "off" : drive.fault ? "fault" : drive.moving ? "moving" : "idle");
         text(figure, !drive.powered ? "no power" : drive.position === undefined ? "" : number(drive.position));
+        if ((drive.lit ?? "") !== lights.dataset.lit) {
+          lights.dataset.lit = drive.lit ?? "";
+          lights.replaceChildren(...(drive.lit ?? "").split(" ").filter(Boolean).map((led, i) =>
+            svg("circle", { cx: BOX.width - 16 - 13 * i, cy: 36, r: 3.5, class: `light ${ledColor(drive.kind, led)}` })));
+        }
         const refused = app.refused(name);
         text(badge, refused ? `${number(refused)} refused` : "");
       });
@@ -185,20 +195,25 @@ function draw(app, box, wires) {
     rowHeight = Math.max(rowHeight, drawnHeight);
   }
 
+  // Wires run below everything, each in a lane of its own with its name.
   const paths = [];
   const outside = end => {
     const name = [...places.keys()].filter(name => end === name || end.startsWith(`${name}.`)).sort((a, b) => b.length - a.length)[0];
     return name === undefined ? null : places.get(name);
   };
-  wires.forEach(({ from, to }, i) => {
+  let lane = y + rowHeight - 4;
+  for (const { from, to } of wires) {
     const a = outside(from), b = outside(to);
-    if (!a || !b) return;
-    const shift = (i % 5) * 9;
-    const low = Math.max(a.y, b.y) + 34 + shift;
-    paths.push(svg("path", { d: `M${a.x + shift} ${a.y}C${a.x + shift} ${low} ${b.x + shift} ${low} ${b.x + shift} ${b.y}`, class: "wire" }, svg("title", {}, `${from} → ${to}`)),
-      svg("circle", { cx: b.x + shift, cy: b.y, r: 2.6, class: "wire-end" }));
-  });
-  const height = y + rowHeight + 6;
+    if (!a || !b) continue;
+    const start = a.x + 9 * a.taken++, end = b.x + 9 * b.taken++;
+    const way = Math.sign(end - start) || 1, r = Math.min(8, Math.abs(end - start) / 2);
+    paths.push(
+      svg("path", { class: "wire", d: `M${start} ${a.y}V${lane - r}Q${start} ${lane} ${start + way * r} ${lane}H${end - way * r}Q${end} ${lane} ${end} ${lane - r}V${b.y}` }),
+      svg("circle", { cx: end, cy: b.y, r: 2.6, class: "wire-end" }),
+      svg("text", { x: (start + end) / 2, y: lane - 5, "text-anchor": "middle", class: "wire-name" }, `${from} → ${to}`));
+    lane += 24;
+  }
+  const height = Math.max(y + rowHeight + 6, paths.length ? lane - 8 : 0);
   box.replaceChildren(svg("svg", { width, height, viewBox: `-2 0 ${width + 2} ${height}`, role: "group", "aria-label": "Drawing of the bench" }, ...under, ...paths, ...items, ...over));
   return changes;
 }

@@ -13,7 +13,7 @@ export function contact(app, drive, { number, label, pin, role }) {
 
   const path = `drives/${encodeURIComponent(drive)}/pins/${encodeURIComponent(pin)}`;
   const level = el("output", { class: "level", "aria-label": `Level of ${pin}` });
-  const isInput = /input/.test(role), isAnalogue = /analogue/.test(role);
+  const isInput = /input/.test(role), isAnalogue = /analogue/.test(role) && /^(ANALOG|SPEED)/.test(pin);
   const buttons = !isInput ? [] : ["low", "high", "open"].map(name =>
     button(name, { "data-set": name, "aria-label": `${pin} ${name}` }, () => app.act("PUT", path, { level: name })));
   const switches = isInput ? el("span", { class: "segments pin-switch", role: "group", "aria-label": `Drive ${pin}` }, buttons) : null;

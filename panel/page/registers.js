@@ -4,6 +4,7 @@ import { attr, button, card, el, text } from "./dom.js";
 import { clock, hex, number } from "./format.js";
 
 const LIT = 900; // milliseconds
+const ON_THE_BUS = ["holding", "input", "coil", "discrete"]; // spaces with addresses; others are reached by name only
 const BITS = { bit: 1, u8: 2, u16: 4, i16: 4, u32: 8, i32: 8 };
 
 /** A typed value: decimal, 0x, 0b, or several words; null if it is none. */
@@ -98,7 +99,7 @@ export function registersCard(app, drive, kind) {
 }
 
 function makeRow(app, drive, register, asHex) {
-  const { name, address, type, access, doc, section } = register;
+  const { name, address, space, type, access, doc, section } = register;
   const digits = BITS[type] ?? 4;
   let value, edited = false;
   const input = el("input", { "data-edit": name, "aria-label": name, inputmode: "text", autocomplete: "off", spellcheck: "false", disabled: access === "-" });
@@ -113,7 +114,7 @@ function makeRow(app, drive, register, asHex) {
     if (open) fields();
   });
   const node = el("div", { class: "register", "data-register": name },
-    el("span", { class: "address" }, address === null || address === undefined ? "" : hex(address)),
+    el("span", { class: "address" }, ON_THE_BUS.includes(space) ? hex(address) : ""),
     title, input,
     el("span", { class: "access", title: { "R/W": "read and write", R: "read only", W: "write only", "-": "not accessible" }[access] }, access === "-" ? "–" : access),
     el("p", { class: "doc" }, doc),
@@ -197,7 +198,7 @@ function makeRow(app, drive, register, asHex) {
   const explain = () => {
     const range = register.codes ? register.codes.join(", ") : register.least === null ? null : `${number(register.least)} to ${number(register.greatest)}`;
     const facts = [
-      ["Type", type], ["Space", register.space], ["Range", range],
+      ["Type", type], ["Space", space], ["Range", range],
       ["Acts within", register.acts_within && `${number(register.acts_within[0])} to ${number(register.acts_within[1])}`],
       ["Default", Array.isArray(register.default) ? register.default.join(", ") : register.default === null ? null : `${number(register.default)} = ${hex(register.default, digits)}`],
       ["Saved", register.saved_bits ? "in the non-volatile memory" : "no"],

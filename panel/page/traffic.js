@@ -2,7 +2,7 @@
 
 import { attr, button, card, el, text } from "./dom.js";
 import { parts } from "./bytes.js";
-import { clock, duration } from "./format.js";
+import { clock, duration, number } from "./format.js";
 
 const KEPT = 1000; // frames
 const KEPT_TROUBLE = 300; // frames that were not done, kept also when many others follow
@@ -23,7 +23,7 @@ const VERDICTS = {
 export function trafficCard(app, { drive = null } = {}) {
   const all = [], trouble = [];
   const before = new Map(); // time of the last message, by port
-  let filter = FILTERS[0], words = "", refused = 0, total = 0;
+  let filter = FILTERS[0], words = "", refused = 0, total = 0, lastNumber = 0, lastAt = 0;
 
   const chips = FILTERS.map(entry => button(entry[1], { "data-filter": entry[0], "aria-pressed": entry === filter }, () => choose(entry)));
   const search = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter messages by text", class: "filter", autocomplete: "off", spellcheck: "false" });
@@ -32,7 +32,7 @@ export function trafficCard(app, { drive = null } = {}) {
     show();
   });
   const rows = el("ol", { class: "frames" });
-  const empty = el("p", { class: "empty" }, drive ? `Nothing has been sent to ${drive} since this page was opened.` : "No master has sent anything since this page was opened.");
+  const empty = el("p", { class: "empty" });
   const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last" }, empty, rows);
   const latest = button("Newest ↓", { class: "latest", hidden: true }, () => {
     scroller.scrollTop = scroller.scrollHeight;
@@ -65,19 +65,34 @@ export function trafficCard(app, { drive = null } = {}) {
     scroller.scrollTop = scroller.scrollHeight;
   };
 
+  const note = () => {
+    const reason = app.cannot("traffic");
+    if (!total) text(empty, reason ?? (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet."));
+  };
+
   return {
     node,
-    update({ traffic, leftOut, whole }) {
+    update({ traffic: news, leftOut, whole, changes }) {
+      if (whole || changes.cannot !== undefined) note();
+      if (whole && (app.store.state.time?.seconds ?? 0) < lastAt) {
+        all.length = trouble.length = refused = lastNumber = lastAt = 0; // another bench
+        before.clear();
+        show();
+      }
+      // After a reconnection the latest messages come again.
+      const traffic = news.filter(frame => frame.number > lastNumber);
+      if (whole && total) leftOut = 0;
       if (!traffic.length && !leftOut) return;
-      if (whole) before.clear();
       const fresh = [];
-      if (leftOut) fresh.push(el("li", { class: "left-out" }, `${leftOut} earlier messages were too many to show`));
+      if (leftOut) fresh.push(el("li", { class: "left-out" }, `${number(leftOut)} earlier ${leftOut === 1 ? "message is" : "messages are"} not shown`));
       for (const frame of traffic) {
         total++;
-        const line = `${frame.drive}.${frame.port}`;
+        const line = `${frame.drive ?? frame.bus}.${frame.port}`;
         const earlier = before.get(line);
         frame.gap = earlier === undefined ? null : Math.max(0, frame.at - earlier);
         before.set(line, frame.at);
+        lastNumber = frame.number;
+        lastAt = Math.max(lastAt, frame.at);
         all.push(frame);
         if (frame.verdict !== "done") trouble.push(frame);
         if (frame.verdict === "refused") refused++;
@@ -108,7 +123,7 @@ function row(frame, ofDrive) {
   const line = button([
     el("span", { class: "at" }, clock(frame.at)),
     el("span", { class: "gap", title: "since the message before" }, frame.gap === null ? "" : `+${duration(frame.gap)}`),
-    ofDrive ? null : el("span", { class: "of" }, frame.drive ?? "nobody"),
+    ofDrive ? null : el("span", { class: "of" }, frame.drive ?? frame.bus ?? ""),
     el("span", { class: "words" },
       el("span", { class: "said" }, frame.sent ? el("span", { class: "way", title: "sent by the drive itself" }, "← ") : null, said),
       outcome ? el("span", { class: "outcome" }, outcome) : null),
