@@ -11,6 +11,7 @@ export function stepsPerTurn(kind, registers) {
   if (kind.startsWith("mdrive")) return (registers.FullSteps ?? 200) * (registers.MS ?? 256);
   if (kind.startsWith("rs")) return 2 * registers.PULSES_PER_REVOLUTION * Math.max(1, registers.USE_HALL);
   if (kind.startsWith("qsb-m")) return 200;
+  if (kind === "mdrobot") return 3 * ([4, 8, 10, 12, 2, 6][registers.HALL_TYPE] ?? 2 * registers.HALL_TYPE); // three counts a pole, p. 8
   return null;
 }
 

@@ -111,6 +111,7 @@ function open() {
     return;
   }
   firstVisit = false;
+  if (shown !== null && !store.state.drive) return onConnection(`There is no drive '${shown}' on this bench`, true);
   view = shown === null ? overview(app) : driveView(app, shown);
   document.title = shown === null ? "drivetwin" : `${shown} · drivetwin`;
   $("content").replaceChildren(view.node);
@@ -160,8 +161,7 @@ function theme(choice) {
     localStorage.setItem("theme", choice);
     document.documentElement.dataset.theme = choice;
   }
-  $("theme").setAttribute("aria-label", `Theme: ${choice}`);
-  text($("theme"), { system: "Auto", light: "Light", dark: "Dark" }[choice]);
+  text($("theme"), { system: "Auto theme", light: "Light theme", dark: "Dark theme" }[choice]);
   dispatchEvent(new Event("theme"));
 }
 let chosenTheme = document.documentElement.dataset.theme ?? "system";
@@ -178,6 +178,11 @@ document.addEventListener("keydown", event => {
     if (matchMedia("(max-width: 860px)").matches) setList(true);
     list.focus();
   }
+});
+// A page that the browser keeps for its Back button must hold no connection: there are six for each host.
+addEventListener("pagehide", () => stop());
+addEventListener("pageshow", event => {
+  if (event.persisted) stop = backend.follow(shown, onUpdate, onConnection);
 });
 addEventListener("hashchange", route);
 route();

@@ -164,6 +164,7 @@ function makeRow(app, drive, register, asHex) {
     edited = false;
     node.classList.remove("edited");
     input.value = shown();
+    if (document.activeElement === input) input.select();
   };
   const commit = async () => {
     if (!edited) return;
