@@ -12,20 +12,6 @@ export function number(value, digits = 0) {
   return sign + grouped + (part ? "." + part : "");
 }
 
-/** A number of three or so digits, for labels of axes. */
-export function short(value) {
-  const size = Math.abs(value);
-  if (size >= 1e9) return trim(value / 1e9) + " G";
-  if (size >= 1e6) return trim(value / 1e6) + " M";
-  if (size >= 1e4) return trim(value / 1e3) + " k";
-  return trim(value);
-}
-
-const trim = value => {
-  const digits = Math.abs(value) >= 100 || value === Math.trunc(value) ? 0 : Math.abs(value) >= 10 ? 1 : 2;
-  return number(value, digits);
-};
-
 /** Bench time in seconds, with minutes and hours from one minute on. */
 export function clock(seconds, digits = 3) {
   const hours = Math.floor(seconds / 3600), minutes = Math.floor(seconds / 60) % 60;

@@ -51,7 +51,7 @@ export function lineCard(app, name, attributes = {}) {
     return node;
   };
 
-  const isTcp = bus()?.line === null;
+  const isTcp = !bus()?.line;
   const sliders = RATES.filter(([, , only]) => !only || isTcp).map(([key, label]) => slider(key, label, STEPS, value => (value ? percent(value) : "off"), rateAt, stepOf));
   sliders.push(slider("delay_ms", "Delay answers", MOST_DELAY, value => (value ? `${number(value)} ms` : "off"), value => value, value => Math.min(MOST_DELAY, value)));
   const mute = button("Mute", { class: "toggle", role: "switch", "aria-checked": false, title: "No answer is delivered" }, () => send({ mute: !bus()?.faults.mute }));

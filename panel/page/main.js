@@ -56,6 +56,7 @@ let view = null;
 let shown; // name of the shown drive, null for the overview, undefined before the first route
 let stop = () => {};
 let frame = 0;
+let missing = false; // the bench has no drive of this name
 let firstVisit = location.hash === "";
 
 function route() {
@@ -66,8 +67,9 @@ function route() {
   } catch {
     // A hand-made address that is no name shows the bench.
   }
-  if (name === shown) return;
+  if (name === shown && !missing) return;
   shown = name;
+  missing = false;
   stop();
   view?.close();
   view = null;
@@ -80,7 +82,7 @@ function onUpdate(update, whole) {
   if (whole && update.state.time.seconds < (store.state.time?.seconds ?? 0)) refusals.clear(); // another bench
   store.take(update, whole);
   countRefusals(update);
-  if (whole && !view) open();
+  if (whole && !view && !missing) open();
   view?.take?.(update, whole);
   if (!frame) frame = requestAnimationFrame(draw);
 }
@@ -132,8 +134,11 @@ function onConnection(state, isFinal = false) {
   if (lost && isFinal) {
     view?.close();
     view = null;
-    $("content").replaceChildren(el("div", { class: "empty" }, el("p", {}, state), el("a", { href: "#/" }, "Show the bench")));
+    $("content").replaceChildren(el("div", { class: "empty" }, el("h1", {}, "No such drive"), el("p", {}, `${state}.`), el("a", { href: "#/" }, "Show the bench")));
     text($("link"), "");
+    stop();
+    missing = true;
+    stop = backend.follow(null, onUpdate, onConnection); // for the list
     return;
   }
   document.documentElement.classList.toggle("lost", lost);
@@ -161,7 +166,9 @@ function theme(choice) {
     localStorage.setItem("theme", choice);
     document.documentElement.dataset.theme = choice;
   }
-  text($("theme"), { system: "Auto theme", light: "Light theme", dark: "Dark theme" }[choice]);
+  const name = { system: "Auto", light: "Light", dark: "Dark" }[choice];
+  text($("theme"), name);
+  $("theme").setAttribute("aria-label", `${name} theme: change`);
   dispatchEvent(new Event("theme"));
 }
 let chosenTheme = document.documentElement.dataset.theme ?? "system";
@@ -182,7 +189,7 @@ document.addEventListener("keydown", event => {
 // A page that the browser keeps for its Back button must hold no connection: there are six for each host.
 addEventListener("pagehide", () => stop());
 addEventListener("pageshow", event => {
-  if (event.persisted) stop = backend.follow(shown, onUpdate, onConnection);
+  if (event.persisted) stop = backend.follow(missing ? null : shown, onUpdate, onConnection);
 });
 addEventListener("hashchange", route);
 route();

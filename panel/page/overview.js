@@ -37,6 +37,7 @@ export function overview(app) {
   const build = () => {
     const { buses = {}, wires: list = [] } = app.store.state;
     picture = draw(app, drawing, list);
+    text(sketch.querySelector("h2"), Object.keys(app.store.state.drives).length > MOST_DRAWN ? "All drives" : "Wiring");
     const names = Object.keys(buses);
     const kept = choice.value;
     choice.replaceChildren(...names.map(name => el("option", { value: name }, name)));
@@ -54,7 +55,7 @@ export function overview(app) {
   });
   observer.observe(drawing);
 
-  const refresh = () => picture.forEach((change, name) => change(app.store.state, name));
+  const refresh = () => picture.forEach(change => change(app.store.state));
 
   return {
     node,
@@ -77,11 +78,34 @@ export function overview(app) {
         text(values.get("refused"), number(refused));
         attr(values.get("refused"), "class", refused ? "bad" : null);
       }
-      refresh();
+      if (whole || added || changes.wires) refresh();
+      else if (picture.size) {
+        const names = new Set([...Object.keys(changes.drives ?? {}), ...Object.keys(changes.motors ?? {}).map(name => `motor ${name}`), ...news.traffic.map(frame => frame.drive)]);
+        for (const name of names) picture.get(name)?.(state);
+      }
     },
     close: () => observer.disconnect(),
   };
 }
+
+/** Many drives as a field of small tiles. The list has the same links for keys and screen readers. */
+function matrix(app, changes) {
+  const field = el("div", { class: "matrix", "aria-hidden": "true" });
+  const all = Object.entries(app.store.state.drives).sort(([, a], [, b]) => a.index - b.index);
+  for (const [name] of all) {
+    const tile = el("a", { href: `#/${encodeURIComponent(name)}`, tabindex: -1, title: name });
+    field.append(tile);
+    changes.set(name, state => {
+      const drive = state.drives?.[name];
+      if (drive) attr(tile, "data-state", stateOf(drive));
+      tile.classList.toggle("refused", app.refused(name) > 0);
+    });
+  }
+  const key = ["idle", "moving", "fault", "off"].map(state => el("span", {}, el("i", { "data-state": state }), { idle: "not moving", moving: "moving", fault: "has a fault", off: "no power" }[state]));
+  return el("div", {}, field, el("p", { class: "matrix-key", "aria-hidden": "true" }, key, el("span", {}, el("i", { "data-state": "idle", class: "refused" }), "has refused a message")));
+}
+
+const stateOf = drive => (!drive.powered ? "off" : drive.fault ? "fault" : drive.moving ? "moving" : "idle");
 
 /** Drives that share lines, as groups: `{buses, drives}`. */
 function groupsOf(buses, drives) {
@@ -108,7 +132,7 @@ function draw(app, box, wires) {
   const changes = new Map();
   changes.width = box.clientWidth;
   if (Object.keys(drives).length > MOST_DRAWN) {
-    box.replaceChildren(el("p", { class: "empty" }, `${number(Object.keys(drives).length)} drives are too many for a drawing. Search the list for a drive.`));
+    box.replaceChildren(matrix(app, changes));
     return changes;
   }
   const width = Math.max(260, box.clientWidth - 36);
@@ -133,7 +157,7 @@ function draw(app, box, wires) {
     }
     group.buses.forEach((bus, i) => {
       const at = y + i * rail + 14;
-      const isTcp = buses[bus].line === null;
+      const isTcp = !buses[bus].line;
       under.push(svg("line", { x1: x, x2: x + columns * step - BOX.gap + (rows > 1 ? 12 : 0), y1: at, y2: at, class: isTcp ? "rail tcp" : "rail" }));
       over.push(svg("text", { x: x, y: at - 5, class: "rail-name" }, bus, svg("tspan", { class: "rail-line", dx: 6 }, buses[bus].line ?? "TCP")));
       names.forEach((name, n) => {
@@ -180,7 +204,7 @@ function draw(app, box, wires) {
       changes.set(name, state => {
         const drive = state.drives?.[name];
         if (!drive) return;
-        attr(lamp, "data-state", !drive.powered ? "off" : drive.fault ? "fault" : drive.moving ? "moving" : "idle");
+        attr(lamp, "data-state", stateOf(drive));
         text(figure, !drive.powered ? "no power" : drive.position === undefined ? "" : number(drive.position));
         if ((drive.lit ?? "") !== lights.dataset.lit) {
           lights.dataset.lit = drive.lit ?? "";

@@ -2,7 +2,7 @@
 // of its samples, so that zooming out hides no step.
 
 import { attr, button, card, el, text } from "./dom.js";
-import { clock, number, short } from "./format.js";
+import { clock, number } from "./format.js";
 
 const KEPT = 20_000; // samples: more than ten minutes of 30 each second
 const MARKS = 500;
@@ -208,7 +208,7 @@ export function plotCard(units) {
     if (!width || !colors) return;
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
     context.clearRect(0, 0, width, height);
-    context.font = "11px ui-monospace, 'SF Mono', 'DejaVu Sans Mono', Menlo, monospace";
+    context.font = `11px ${getComputedStyle(canvas).fontFamily}`;
     context.lineJoin = "round";
     const band = (height - TOP - BETWEEN - BOTTOM) / 2;
     drawTimes(height - BOTTOM);
@@ -274,7 +274,7 @@ export function plotCard(units) {
       const line = Math.round(y(value)) + 0.5;
       rule(LEFT, line, width - RIGHT, line);
       context.fillStyle = colors.muted;
-      context.fillText(short(Math.abs(value) < step / 1e6 ? 0 : value), LEFT - 8, line);
+      context.fillText(label(Math.abs(value) < step / 1e6 ? 0 : value, step, Math.max(Math.abs(low), Math.abs(high))), LEFT - 8, line);
     }
     context.textAlign = "left";
     context.textBaseline = "bottom";
@@ -398,4 +398,12 @@ function nice(value) {
   const power = 10 ** Math.floor(Math.log10(value));
   const part = value / power;
   return (part <= 1 ? 1 : part <= 2 ? 2 : part <= 5 ? 5 : 10) * power;
+}
+
+/** The label of a tick, with as many digits as the distance of the ticks needs. */
+function label(value, step, greatest) {
+  const digits = unit => Math.max(0, Math.ceil(-Math.log10(step / unit) - 1e-9));
+  if (greatest >= 1e6 && digits(1e6) < 3) return `${number(value / 1e6, digits(1e6))} M`;
+  if (greatest >= 1e4 && digits(1e3) < 2) return `${number(value / 1e3, digits(1e3))} k`;
+  return number(value, digits(1));
 }

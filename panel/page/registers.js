@@ -1,6 +1,7 @@
 // Registers by name: value, meaning, section of the manual; those that changed are lit for a moment.
 
 import { attr, button, card, el, text } from "./dom.js";
+import { bitList, fieldList, meaning } from "./fields.js";
 import { clock, hex, number } from "./format.js";
 
 const LIT = 900; // milliseconds
@@ -103,6 +104,9 @@ function makeRow(app, drive, register, asHex) {
   const digits = BITS[type] ?? 4;
   let value, edited = false;
   const input = el("input", { "data-edit": name, "aria-label": name, inputmode: "text", autocomplete: "off", spellcheck: "false", disabled: access === "-" });
+  const hasFields = register.fields?.length > 0;
+  const means = el("p", { class: "meaning" });
+  const parts = [hasFields ? fieldList(name, register.fields, next => write(next)) : null, digits > 1 ? bitList(digits) : null].filter(Boolean);
   const error = el("p", { class: "error", role: "alert", hidden: true });
   const refusal = el("p", { class: "refusal", hidden: true });
   const more = el("div", { class: "register-more", id: `more-${name}`, hidden: true });
@@ -111,7 +115,7 @@ function makeRow(app, drive, register, asHex) {
     if (open && !more.childElementCount) explain();
     more.hidden = !open;
     attr(title, "aria-expanded", open);
-    if (open) fields();
+    if (open) row.draw();
   });
   const node = el("div", { class: "register", "data-register": name },
     el("span", { class: "address" }, ON_THE_BUS.includes(space) ? hex(address) : ""),
@@ -119,7 +123,7 @@ function makeRow(app, drive, register, asHex) {
     el("span", { class: "access", title: { "R/W": "read and write", R: "read only", W: "write only", "-": "not accessible" }[access] }, access === "-" ? "–" : access),
     el("p", { class: "doc" }, doc),
     el("span", { class: "section", title: "Section of the manual" }, /^[\d.]+$/.test(section) ? `§ ${section}` : section),
-    error, refusal, more);
+    hasFields ? means : null, error, refusal, more);
 
   const shown = () => {
     const one = part => (asHex() ? hex(part, digits) : number(part));
@@ -127,10 +131,12 @@ function makeRow(app, drive, register, asHex) {
   };
   const row = {
     node, changed: false, refused: false,
-    words: `${name} ${doc} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
+    words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
     draw() {
       if (!edited) input.value = shown();
-      if (!more.hidden) fields();
+      if (typeof value !== "number") return;
+      if (hasFields) text(means, meaning(register.fields, value));
+      if (!more.hidden) parts.forEach(part => part.update(value));
     },
     /** Takes a value; true if it is another one than before. */
     set(next) {
@@ -170,6 +176,9 @@ function makeRow(app, drive, register, asHex) {
     if (!edited) return;
     const typed = parse(input.value);
     if (typed === null) return fail(`'${input.value}' is not a number: write it as 10, -10 or 0x0A, words with commas between them.`);
+    await write(typed);
+  };
+  const write = async typed => {
     const answer = await app.backend.call("PUT", `drives/${encodeURIComponent(drive)}/registers/${encodeURIComponent(name)}`, { value: typed });
     if (!answer.ok) return fail(answer.body?.detail ?? "The bench refused the value.");
     fail(null);
@@ -195,7 +204,6 @@ function makeRow(app, drive, register, asHex) {
     if (edited && input.value === shown()) revert();
   });
 
-  const fieldList = el("dl", { class: "fields" });
   const explain = () => {
     const range = register.codes ? register.codes.join(", ") : register.least === null ? null : `${number(register.least)} to ${number(register.greatest)}`;
     const facts = [
@@ -206,19 +214,7 @@ function makeRow(app, drive, register, asHex) {
       ["Addresses", register.addresses > 1 ? `${hex(address)} to ${hex(address + register.addresses - 1)}` : null],
       ["Not modelled", register.not_modelled],
     ].filter(([, fact]) => fact !== null && fact !== undefined && fact !== "");
-    more.append(el("p", { class: "doc-whole" }, doc), el("dl", { class: "facts" }, facts.map(([term, fact]) => el("div", {}, el("dt", {}, term), el("dd", {}, fact)))), fieldList);
-  };
-  /** The meaning of the bits, where the description of the kind has them; else the bits of the value. */
-  const fields = () => {
-    if (typeof value !== "number" || digits < 2) return;
-    const bits = value < 0 ? value >>> 0 : value;
-    const width = digits * 4;
-    const rows = register.fields?.map(field => {
-      const [high, low = high] = String(field.bits).split(":").map(Number);
-      const part = Math.floor(bits / 2 ** low) % 2 ** (high - low + 1);
-      return [`${field.bits} ${field.name}`, field.values?.[part] ? `${part}: ${field.values[part]}` : String(part)];
-    }) ?? [["Hexadecimal", hex(value, digits)], ["Binary", bits.toString(2).slice(-width).padStart(width, "0").replace(/(.{4})(?!$)/g, "$1 ")]];
-    fieldList.replaceChildren(...rows.map(([term, fact]) => el("div", {}, el("dt", {}, term), el("dd", {}, fact))));
+    more.append(el("p", { class: "doc-whole" }, doc), el("dl", { class: "facts" }, facts.map(([term, fact]) => el("div", {}, el("dt", {}, term), el("dd", {}, fact)))), ...parts.map(part => part.node));
   };
   return row;
 }
