@@ -53,7 +53,7 @@ function follow(drive, onUpdate, onConnection) {
       source.close();
       const refusal = await refusalOf(path);
       if (stopped) return;
-      if (refusal?.status === 404) return onConnection(refusal.detail, true);
+      if (refusal?.status === 404 || refusal?.status === 422) return onConnection(refusal.detail, true); // no such drive
       onConnection(refusal ? `${refusal.detail}; trying again` : "Connection lost; trying again");
       retry = setTimeout(connect, wait);
       wait = Math.min(2 * wait, SLOWEST_RETRY);

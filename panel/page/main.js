@@ -56,6 +56,7 @@ let view = null;
 let shown; // name of the shown drive, null for the overview, undefined before the first route
 let stop = () => {};
 let frame = 0;
+let opening = 0;
 let missing = false; // the bench has no drive of this name
 let firstVisit = location.hash === "";
 
@@ -74,6 +75,8 @@ function route() {
   view?.close();
   view = null;
   setList(false);
+  clearTimeout(opening);
+  opening = setTimeout(() => view || missing || $("content").replaceChildren(el("p", { class: "empty" }, "Connecting to the bench…")), 400);
   stop = backend.follow(name, onUpdate, onConnection);
   list.choose(name);
 }

@@ -83,7 +83,7 @@ export function plotCard(units) {
   const samples = new Samples();
   const marks = []; // refused messages: {at, text}
   let span = 30, end = null; // `end` is null while the plot follows the present
-  let cursor = null, dirty = false, colors, width = 0, height = 0, ratio = 1;
+  let cursor = null, dirty = false, said = "", colors, width = 0, height = 0, ratio = 1;
 
   const canvas = el("canvas", {
     tabindex: 0, role: "application", "aria-roledescription": "plot", "aria-label":
@@ -362,6 +362,9 @@ export function plotCard(units) {
       shown.push(["at", `${clock(time)} s`, ""], ["position", `${now(at.position)} ${units.position}`, "of-position"], ["speed", `${number(at.speed, 1)} ${units.speed}`, "of-speed"]);
       if (near) shown.push(["", near.text, "of-refused"]);
     } else shown.push(["", end === null ? "Point at the plot to read values; the wheel zooms, dragging goes back in time." : `Held. The last ${number(Math.max(0, present() - samples.start))} s are kept.`, "of-hint"]);
+    const words = shown.flat().join("|");
+    if (words === said) return;
+    said = words;
     readout.replaceChildren(...shown.map(([term, value, style]) => el("span", { class: style }, term ? el("i", {}, `${term} `) : null, value)));
   };
 
@@ -402,6 +405,7 @@ function nice(value) {
 
 /** The label of a tick, with as many digits as the distance of the ticks needs. */
 function label(value, step, greatest) {
+  if (value === 0) return "0";
   const digits = unit => Math.max(0, Math.ceil(-Math.log10(step / unit) - 1e-9));
   if (greatest >= 1e6 && digits(1e6) < 3) return `${number(value / 1e6, digits(1e6))} M`;
   if (greatest >= 1e4 && digits(1e3) < 2) return `${number(value / 1e3, digits(1e3))} k`;
