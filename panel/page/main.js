@@ -115,6 +115,7 @@ function open() {
     location.replace(`#/${encodeURIComponent(names[0])}`);
     return;
   }
+  if (!firstVisit && document.activeElement !== document.body) $("content").focus({ preventScroll: true });
   firstVisit = false;
   if (shown !== null && !store.state.drive) return onConnection(`There is no drive '${shown}' on this bench`, true);
   view = shown === null ? overview(app) : driveView(app, shown);

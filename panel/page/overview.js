@@ -200,7 +200,7 @@ function draw(app, box, wires) {
           text(rpm, `${number(now.rpm)} rpm`);
         });
       }
-      places.set(name, { x: left + BOX.width - 46, y: top + BOX.height, taken: 0 });
+      places.set(name, { x: left + BOX.width - 34, y: top + BOX.height, taken: 0 });
       changes.set(name, state => {
         const drive = state.drives?.[name];
         if (!drive) return;
@@ -219,22 +219,30 @@ function draw(app, box, wires) {
     rowHeight = Math.max(rowHeight, drawnHeight);
   }
 
-  // Wires run below everything, each in a lane of its own with its name.
+  // Wires run below everything; those between the same two share a lane with their names.
   const paths = [];
-  const outside = end => {
+  const endOf = end => {
     const name = [...places.keys()].filter(name => end === name || end.startsWith(`${name}.`)).sort((a, b) => b.length - a.length)[0];
-    return name === undefined ? null : places.get(name);
+    return name === undefined ? null : [name, end.slice(name.length + 1)];
   };
-  let lane = y + rowHeight - 4;
+  const bundles = new Map();
   for (const { from, to } of wires) {
-    const a = outside(from), b = outside(to);
+    const [a, b] = [endOf(from), endOf(to)];
     if (!a || !b) continue;
+    const key = JSON.stringify([a[0], b[0]]);
+    if (!bundles.has(key)) bundles.set(key, { from: a[0], to: b[0], outs: [], ins: [] });
+    bundles.get(key).outs.push(a[1]);
+    bundles.get(key).ins.push(b[1]);
+  }
+  let lane = y + rowHeight - 4;
+  for (const { from, to, outs, ins } of bundles.values()) {
+    const a = places.get(from), b = places.get(to);
     const start = a.x + 9 * a.taken++, end = b.x + 9 * b.taken++;
     const way = Math.sign(end - start) || 1, r = Math.min(8, Math.abs(end - start) / 2);
     paths.push(
-      svg("path", { class: "wire", d: `M${start} ${a.y}V${lane - r}Q${start} ${lane} ${start + way * r} ${lane}H${end - way * r}Q${end} ${lane} ${end} ${lane - r}V${b.y}` }),
-      svg("circle", { cx: end, cy: b.y, r: 2.6, class: "wire-end" }),
-      svg("text", { x: (start + end) / 2, y: lane - 5, "text-anchor": "middle", class: "wire-name" }, `${from} → ${to}`));
+      svg("path", { class: outs.length > 1 ? "wire several" : "wire", d: `M${start} ${a.y}V${lane - r}Q${start} ${lane} ${start + way * r} ${lane}H${end - way * r}Q${end} ${lane} ${end} ${lane - r}V${b.y}` }),
+      svg("circle", { cx: end, cy: b.y, r: outs.length > 1 ? 3.4 : 2.6, class: "wire-end" }),
+      svg("text", { x: Math.max((start + end) / 2, 90), y: lane - 6, "text-anchor": "middle", class: "wire-name" }, `${from} ${outs.join(", ")} → ${to} ${ins.join(", ")}`));
     lane += 24;
   }
   const height = Math.max(y + rowHeight + 6, paths.length ? lane - 8 : 0);
