@@ -19,7 +19,7 @@ export function driveView(app, name) {
   const node = el("article", { class: "drive", "data-drive": name, "aria-label": `Drive ${name}` });
   const store = app.store;
   const units = unitsOf(store.state.drive.kind);
-  const plot = plotCard(units);
+  const plot = plotCard(units, app.histories.of(name));
   let parts = null, closed = false;
 
   const build = kind => {
@@ -73,11 +73,6 @@ export function driveView(app, name) {
 
   return {
     node,
-    /** Takes samples for the plot also while no frame is drawn, as in a hidden tab. */
-    take() {
-      const { time, drive } = store.state;
-      if (time && drive?.motion) plot.push(time.seconds, drive.motion.position, drive.motion.speed);
-    },
     update,
     close() {
       closed = true;

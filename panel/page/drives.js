@@ -1,6 +1,7 @@
 // The list of drives with its search. Only the rows in sight exist, so that 1,000 drives cost no more than 20.
 
 import { attr, el, text } from "./dom.js";
+import { byName } from "./format.js";
 
 const ROW = 44; // height of a row in CSS pixels; panel.css has the same
 
@@ -23,7 +24,7 @@ export function driveList(app, node) {
     const drives = app.store.state.drives ?? {};
     names = Object.keys(drives)
       .filter(name => words.every(word => name.toLowerCase().includes(word) || drives[name].kind.includes(word)))
-      .sort((a, b) => drives[a].index - drives[b].index);
+      .sort(byName);
     const all = Object.keys(drives).length;
     text(count, words.length ? `${names.length} of ${all} drives` : `${all} ${all === 1 ? "drive" : "drives"}`);
     rows.style.height = `${names.length * ROW}px`;

@@ -3,6 +3,9 @@
 const THIN = " ";
 const MINUS = "−";
 
+/** The order of names as people count: x2 before x10. */
+export const byName = new Intl.Collator("en", { numeric: true }).compare;
+
 /** A number with thin spaces between thousands, and at most `digits` decimals. */
 export function number(value, digits = 0) {
   if (!Number.isFinite(value)) return "–";

@@ -5,6 +5,7 @@ import { button, el, text } from "./dom.js";
 import { downloads } from "./downloads.js";
 import { driveView } from "./drive.js";
 import { driveList } from "./drives.js";
+import { Histories } from "./history.js";
 import { overview } from "./overview.js";
 import { Store } from "./state.js";
 import { timeControl } from "./time.js";
@@ -18,6 +19,7 @@ const refusals = new Map(); // by drive: {count, last}, `last` the number of the
 const app = {
   backend,
   store,
+  histories: new Histories(),
   /** Number of messages that a drive has refused, as far as the page knows. */
   refused: name => refusals.get(name)?.count ?? 0,
   /** The description of a kind, asked for once. */
@@ -85,8 +87,8 @@ function onUpdate(update, whole) {
   if (whole && update.state.time.seconds < (store.state.time?.seconds ?? 0)) refusals.clear(); // another bench
   store.take(update, whole);
   countRefusals(update);
+  app.histories.take(store.state, whole);
   if (whole && !view && !missing) open();
-  view?.take?.(update, whole);
   if (!frame) frame = requestAnimationFrame(draw);
 }
 

@@ -4,7 +4,7 @@ import { attr, card, el, svg, text } from "./dom.js";
 import { ledColor } from "./faces.js";
 import { lineCard } from "./line.js";
 import { trafficCard } from "./traffic.js";
-import { number } from "./format.js";
+import { byName, number } from "./format.js";
 
 const MOST_DRAWN = 60; // drives
 const BOX = { width: 168, height: 74, gap: 20 };
@@ -91,8 +91,7 @@ export function overview(app) {
 /** Many drives as a field of small tiles. The list has the same links for keys and screen readers. */
 function matrix(app, changes) {
   const field = el("div", { class: "matrix", "aria-hidden": "true" });
-  const all = Object.entries(app.store.state.drives).sort(([, a], [, b]) => a.index - b.index);
-  for (const [name] of all) {
+  for (const name of Object.keys(app.store.state.drives).sort(byName)) {
     const tile = el("a", { href: `#/${encodeURIComponent(name)}`, tabindex: -1, title: name });
     field.append(tile);
     changes.set(name, state => {
@@ -122,8 +121,8 @@ function groupsOf(buses, drives) {
   }
   const listed = new Set(groups.flatMap(group => [...group.drives]));
   for (const name of Object.keys(drives)) if (!listed.has(name)) groups.push({ buses: [], drives: new Set([name]) });
-  const place = group => Math.min(...[...group.drives].map(name => drives[name]?.index ?? 0));
-  return groups.sort((a, b) => place(a) - place(b));
+  const first = group => [...group.drives].sort(byName)[0] ?? "";
+  return groups.sort((a, b) => byName(first(a), first(b)));
 }
 
 /** Draws the bench; returns what redraws each drive or motor. */

@@ -4,83 +4,12 @@
 import { attr, button, card, el, text } from "./dom.js";
 import { clock, number } from "./format.js";
 
-const KEPT = 20_000; // samples: more than ten minutes of 30 each second
 const MARKS = 500;
 const SPANS = [5, 30, 120, 600];
 const LEFT = 62, RIGHT = 14, TOP = 16, BETWEEN = 30, BOTTOM = 24;
 
-/** Samples of time, position and speed, the latest `KEPT` of them. */
-class Samples {
-  at = new Float64Array(KEPT);
-  position = new Float64Array(KEPT);
-  speed = new Float64Array(KEPT);
-  first = 0;
-  count = 0;
-
-  clear() {
-    this.first = this.count = 0;
-  }
-
-  index(i) {
-    return (this.first + i) % KEPT;
-  }
-
-  push(at, position, speed) {
-    if (this.count) {
-      const last = this.index(this.count - 1);
-      if (at < this.at[last]) this.clear();
-      else if (at === this.at[last] && position === this.position[last] && speed === this.speed[last]) return;
-      else if (this.count > 1) {
-        // Of a pause only its two ends are kept.
-        const before = this.index(this.count - 2);
-        const same = i => this.position[i] === position && this.speed[i] === speed;
-        if (same(last) && same(before)) {
-          this.at[last] = at;
-          return;
-        }
-      }
-    }
-    if (this.count === KEPT) this.first = (this.first + 1) % KEPT;
-    else this.count++;
-    const i = this.index(this.count - 1);
-    this.at[i] = at;
-    this.position[i] = position;
-    this.speed[i] = speed;
-  }
-
-  get start() {
-    return this.count ? this.at[this.index(0)] : 0;
-  }
-
-  get end() {
-    return this.count ? this.at[this.index(this.count - 1)] : 0;
-  }
-
-  /** Number of the last sample at or before a time, -1 if there is none. */
-  before(time) {
-    let low = -1, high = this.count - 1;
-    while (low < high) {
-      const middle = Math.ceil((low + high) / 2);
-      if (this.at[this.index(middle)] <= time) low = middle;
-      else high = middle - 1;
-    }
-    return low;
-  }
-
-  /** Position and speed at a time, between two samples on the line from one to the other. */
-  value(time) {
-    const i = this.before(time);
-    if (i < 0) return null;
-    const a = this.index(i);
-    if (i === this.count - 1) return { position: this.position[a], speed: this.speed[a] };
-    const b = this.index(i + 1);
-    const part = (time - this.at[a]) / (this.at[b] - this.at[a] || 1);
-    return { position: this.position[a] + part * (this.position[b] - this.position[a]), speed: this.speed[a] + part * (this.speed[b] - this.speed[a]) };
-  }
-}
-
-export function plotCard(units) {
-  const samples = new Samples();
+/** A plot of samples (history.js). */
+export function plotCard(units, samples) {
   const marks = []; // refused messages: {at, text}
   let span = 30, end = null; // `end` is null while the plot follows the present
   let cursor = null, dirty = false, said = "", colors, width = 0, height = 0, ratio = 1;
@@ -370,24 +299,10 @@ export function plotCard(units) {
 
   return {
     node,
-    /** Takes a sample in; a time before the last one begins a new plot. */
-    push(at, position, speed) {
-      // While nothing moves no sample comes: the old values held until now.
-      const last = samples.count ? samples.index(samples.count - 1) : -1;
-      if (last >= 0 && samples.speed[last] === 0 && (speed !== 0 || position !== samples.position[last]) && at - samples.at[last] > 0.07) {
-        samples.push(at - 0.034, samples.position[last], 0);
-      }
-      samples.push(at, position, speed);
-    },
     mark(frame) {
       marks.push({ at: frame.at, text: `${frame.text}: ${frame.outcome}` });
       if (marks.length > MARKS) marks.shift();
     },
-    clear() {
-      samples.clear();
-      marks.length = 0;
-    },
-    update: ask,
     drawn: draw,
     close() {
       observer.disconnect();

@@ -24,7 +24,8 @@ export function timeControl(app, node) {
   const next = button("Next event", { "data-action": "advance-next" }, () => busy({ to: "next" }));
   seconds.addEventListener("keydown", event => event.key === "Enter" && advance.click());
   const steps = el("div", { class: "steps", hidden: true }, seconds, el("span", { class: "unit" }, "s"), advance, next);
-  node.append(now, modes, steps);
+  const wrap = el("div", { class: "modes" }, modes);
+  node.append(now, wrap, steps);
 
   return {
     update({ changes }) {
@@ -39,7 +40,7 @@ export function timeControl(app, node) {
       attr(manual, "aria-pressed", time.mode === "manual");
       if (time.mode.startsWith("x") && document.activeElement !== factor) factor.value = time.mode.slice(1);
       steps.hidden = time.mode !== "manual";
-      greyed(modes, cannot?.time);
+      greyed(wrap, cannot?.time);
       greyed(steps, cannot?.advance);
     },
   };

@@ -67,7 +67,7 @@ export function trafficCard(app, { drive = null } = {}) {
 
   const note = () => {
     const reason = app.cannot("traffic");
-    if (!total) text(empty, reason ?? (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet."));
+    if (!total) text(empty, reason ? `No messages are shown: ${reason}.` : (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet."));
   };
 
   return {
