@@ -36,11 +36,12 @@ mod seen;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use drivetwin_firmware::device::{Instant, Spec};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, DriveId, News};
+use drivetwin_sim::bench::{Bench, DriveId, News, Outlet};
 use drivetwin_sim::commands::State;
 use drivetwin_sim::config::time_mode::TimeMode;
 use serde::Serialize;
@@ -87,8 +88,9 @@ fn is_zero(number: &u64) -> bool {
 pub struct Look {
     /// The drive whose details are wanted.
     drive: Option<String>,
-    /// Shape of the bench that the viewer knows.
+    /// Shape of the bench that the viewer knows, and its lines and TCP ports.
     shape: Option<[usize; 5]>,
+    outlets: Arc<[Outlet]>,
     /// Number of the last message that the viewer has.
     received: u64,
 }
@@ -109,9 +111,10 @@ impl Snapshot {
     pub fn of(bench: &Bench, mode: TimeMode, places: &Places, look: &Look) -> Self {
         let drive = look.drive.as_ref().and_then(|name| bench.find_drive(name));
         let layout = (look.shape != Some(bench.shape())).then(|| Layout::of(bench, places));
+        let outlets = layout.as_ref().map_or_else(|| Arc::clone(&look.outlets), Layout::outlets);
         let next_lights = bench.drives().map(|id| seen::next_light(bench, id));
         Self {
-            seen: Seen::of(bench, mode, drive, places),
+            seen: Seen::of(bench, mode, &outlets, drive, places),
             next_light: next_lights.min().unwrap_or(Instant::NEVER),
             news: bench.received_lately(look.received, MOST_FRAMES, drive),
             layout,
@@ -149,7 +152,7 @@ impl Viewer {
     #[must_use]
     pub fn new(drive: Option<String>) -> Self {
         Self {
-            look: Look { drive, shape: None, received: 0 },
+            look: Look { drive, shape: None, outlets: Arc::default(), received: 0 },
             layout: Layout::default(),
             seen: None,
             cannot: BTreeMap::new(),
@@ -189,7 +192,8 @@ impl Viewer {
                 let before =
                     old.map_or_else(|| Value::Object(serde_json::Map::new()), |old| whole(&self.layout, old));
                 let state = patch::merge_patch(&before, &whole(&layout, &seen));
-                (self.layout, self.look.shape) = (layout, Some(seen.shape));
+                (self.look.shape, self.look.outlets) = (Some(seen.shape), layout.outlets());
+                self.layout = layout;
                 state
             }
             None => old.and_then(|old| seen.changes_since(old, &self.layout, &self.cannot)),

@@ -1,6 +1,7 @@
 //! State of a bench as numbers, and its JSON.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use drivetwin_firmware::device::{Axis, Fault, Instant, Level, Pin, Role, Spec};
 use drivetwin_sim::bench::{Bench, Bus, DriveId, Motion, Outlet, ShaftState, Wire, WireOutput};
@@ -60,6 +61,11 @@ impl Layout {
             motors: motors.collect(),
             wires: bench.wires().iter().map(|wire| WireNames::of(bench, wire)).collect(),
         }
+    }
+
+    /// All lines and TCP ports.
+    pub(super) fn outlets(&self) -> Arc<[Outlet]> {
+        self.outlets.iter().map(|names| names.outlet).collect()
     }
 
     pub(super) fn drive_name(&self, id: DriveId) -> Option<&str> {
@@ -177,14 +183,21 @@ pub(super) struct Seen {
 }
 
 impl Seen {
-    pub(super) fn of(bench: &Bench, mode: TimeMode, wanted: Option<DriveId>, places: &Places) -> Self {
+    /// The present state of a bench with these lines and TCP ports.
+    pub(super) fn of(
+        bench: &Bench,
+        mode: TimeMode,
+        outlets: &[Outlet],
+        wanted: Option<DriveId>,
+        places: &Places,
+    ) -> Self {
         Self {
             shape: bench.shape(),
             mode,
             now: bench.now(),
             drives: bench.drives().map(|id| DriveSeen::of(bench, id)).collect(),
             motors: bench.motors().map(|motor| bench.turn(motor)).collect(),
-            buses: bench.outlets().into_iter().map(|outlet| BusState::of(bench, outlet)).collect(),
+            buses: outlets.iter().map(|&outlet| BusState::of(bench, outlet)).collect(),
             boards: BTreeMap::new(),
             wanted: wanted.map(DriveId::index),
             details: wanted.map(|id| Drive::of_bench(bench, id, places)),
