@@ -41,7 +41,7 @@ use std::time::Duration;
 
 use drivetwin_firmware::device::{Instant, Spec};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, DriveId, News, Outlet};
+use drivetwin_sim::bench::{Bench, DriveId, News, Outlet, OwnNews};
 use drivetwin_sim::commands::State;
 use drivetwin_sim::config::time_mode::TimeMode;
 use serde::Serialize;
@@ -91,8 +91,9 @@ pub struct Look {
     /// Shape of the bench that the viewer knows, and its lines and TCP ports.
     shape: Option<[usize; 5]>,
     outlets: Arc<[Outlet]>,
-    /// Number of the last message that the viewer has.
+    /// Numbers of the last messages that the viewer has: to drives, and of drives by themselves.
     received: u64,
+    own: u64,
 }
 
 /// State of a bench at one instant, as numbers; the thread of the bench has nothing to do with the texts.
@@ -101,6 +102,7 @@ pub struct Snapshot {
     layout: Option<Layout>,
     seen: Seen,
     news: News,
+    own: OwnNews,
     /// Time of the next change of a light that nothing announces.
     next_light: Instant,
 }
@@ -117,6 +119,7 @@ impl Snapshot {
             seen: Seen::of(bench, mode, &outlets, drive, places),
             next_light: next_lights.min().unwrap_or(Instant::NEVER),
             news: bench.received_lately(look.received, MOST_FRAMES, drive),
+            own: bench.own_messages(look.own, MOST_FRAMES, drive),
             layout,
         }
     }
@@ -152,7 +155,7 @@ impl Viewer {
     #[must_use]
     pub fn new(drive: Option<String>) -> Self {
         Self {
-            look: Look { drive, shape: None, outlets: Arc::default(), received: 0 },
+            look: Look { drive, shape: None, outlets: Arc::default(), received: 0, own: 0 },
             layout: Layout::default(),
             seen: None,
             cannot: BTreeMap::new(),
@@ -182,9 +185,9 @@ impl Viewer {
     /// Takes a snapshot. Returns what the reader does not have yet; `None` if nothing has changed, or only the time and
     /// less than [`LONGEST`] has passed since the last update.
     pub fn update(&mut self, snapshot: Snapshot, since_last: Duration) -> Option<Update> {
-        let Snapshot { layout, seen, news, next_light } = snapshot;
-        let (traffic, left_out) = frames::of(&news, layout.as_ref().unwrap_or(&self.layout));
-        self.look.received = news.last();
+        let Snapshot { layout, seen, news, own, next_light } = snapshot;
+        let (traffic, left_out) = frames::of(&news, &own, layout.as_ref().unwrap_or(&self.layout));
+        (self.look.received, self.look.own) = (news.last(), own.last());
         let old = self.seen.as_ref();
         let state = match layout {
             Some(layout) => {

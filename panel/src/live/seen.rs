@@ -7,6 +7,7 @@ use drivetwin_firmware::device::{Axis, Fault, Instant, Level, Pin, Role, Spec};
 use drivetwin_sim::bench::{Bench, Bus, DriveId, Motion, Outlet, ShaftState, Wire, WireOutput};
 use drivetwin_sim::commands::State;
 use drivetwin_sim::config::time_mode::TimeMode;
+use drivetwin_sim::programs::{self, ProgramLine};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -180,6 +181,44 @@ pub(super) struct Seen {
     /// The drive whose details are wanted.
     wanted: Option<usize>,
     details: Option<Drive>,
+    program: Option<ProgramSeen>,
+}
+
+/// User program of a drive.
+#[derive(Clone, PartialEq, Debug)]
+struct ProgramSeen {
+    /// The memory with the program.
+    memory: Vec<u8>,
+    /// The line that is executed next, while the program runs.
+    running: Option<u16>,
+}
+
+impl ProgramSeen {
+    fn of(bench: &Bench, id: DriveId) -> Option<Self> {
+        let has_program = programs::runs_on(bench.spec(id)) && !bench.is_elsewhere(id);
+        has_program.then(|| Self { memory: bench.memory(id).to_vec(), running: bench.program_line(id) })
+    }
+
+    fn lines(&self, spec: &Spec) -> Value {
+        let lines = programs::listing(spec, &self.memory).unwrap_or_default();
+        lines.into_iter().map(|ProgramLine { at, text }| json!({"at": at, "text": text})).collect()
+    }
+
+    /// What has changed since `old`, as a merge patch; the whole program without `old`.
+    fn changes_since(&self, old: Option<&Self>, spec: &Spec) -> Option<Value> {
+        let mut patch = Map::new();
+        if old.is_none_or(|old| old.memory != self.memory) {
+            let lines = self.lines(spec);
+            if old.is_none_or(|old| old.lines(spec) != lines) {
+                patch.insert("lines".into(), lines);
+            }
+        }
+        let running = old.and_then(|old| old.running);
+        if self.running != running {
+            patch.insert("running".into(), self.running.map_or(Value::Null, Value::from));
+        }
+        (!patch.is_empty()).then_some(Value::Object(patch))
+    }
 }
 
 impl Seen {
@@ -201,6 +240,7 @@ impl Seen {
             boards: BTreeMap::new(),
             wanted: wanted.map(DriveId::index),
             details: wanted.map(|id| Drive::of_bench(bench, id, places)),
+            program: wanted.and_then(|id| ProgramSeen::of(bench, id)),
         }
     }
 
@@ -248,6 +288,9 @@ impl Seen {
         });
         if let Some(details) = self.details() {
             state["drive"] = details;
+            if let Some(program) = self.program_changes(None, layout) {
+                state["drive"]["program"] = program;
+            }
         }
         without_nulls(state)
     }
@@ -289,6 +332,10 @@ impl Seen {
             let change =
                 if self.details.is_none() { Some(Value::Null) } else { merge_patch(&json(old), &json(self)) };
             add("drive", change);
+        }
+        if let Some(program) = self.program_changes(Some(old), layout) {
+            let drive = patch.entry("drive").or_insert_with(|| json!({}));
+            drive["program"] = program;
         }
         (!patch.is_empty()).then_some(Value::Object(patch))
     }
@@ -339,6 +386,12 @@ impl Seen {
         let OutletNames { name, drives, listen, .. } = names;
         let name_of = |id| layout.drive_name(id).unwrap_or_default();
         without(&schema::Bus::new(name, drives, listen, state, name_of), &["name"])
+    }
+
+    /// What has changed in the program of the wanted drive.
+    fn program_changes(&self, old: Option<&Self>, layout: &Layout) -> Option<Value> {
+        let (_, spec) = layout.drives.get(self.wanted?)?;
+        self.program.as_ref()?.changes_since(old.and_then(|old| old.program.as_ref()), spec)
     }
 
     fn details(&self) -> Option<Value> {
