@@ -33,7 +33,6 @@
 //! | `nv_file` | non-volatile memory in a file |
 //! | `output_file`, `live_file` | recordings, waveforms and frames, written while the bench runs |
 //! | `banner` | text and JSON with the addresses of a running bench |
-//! | [`describe`] | a kind of drive: ports, pins, registers, what is not modelled |
 //! | [`rs_programs`] | user programs of the RS drives in files |
 //! | [`boot_loader`] | the boot loader of a Raspberry Pi Pico, which takes a UF2 |
 
@@ -42,7 +41,6 @@ mod banner;
 mod board;
 pub mod boot_loader;
 mod clock;
-pub mod describe;
 mod event_loop;
 mod lender;
 mod live_file;
@@ -55,6 +53,7 @@ mod run;
 mod streams;
 
 pub use board::{Drive as BoardDrive, OnBoard, reasons};
+pub use drivetwin_panel::describe;
 pub use lender::{Lender, Loan, Possession, Wait, Waited};
 pub use run::{Configuration, Memories, Offline, Prepared, Running, attach};
 pub use streams::Streams;

@@ -29,13 +29,12 @@ const HAL_SIM: [&str; 20] = [
 ];
 
 /// Modules of `panel/src`, lowest first.
-const PANEL: [&str; 5] = ["units", "faults", "schema", "page", "live"];
+const PANEL: [&str; 7] = ["units", "faults", "schema", "requests", "describe", "page", "live"];
 
 /// Modules of `host/src`, lowest first.
-const HOST: [&str; 16] = [
+const HOST: [&str; 15] = [
     "options",
     "clock",
-    "describe",
     "rs_programs",
     "nv_file",
     "output_file",

@@ -11,7 +11,7 @@ use super::Api;
 use super::calls::find_drive;
 use super::guard::{Body, MEMORY};
 use super::problem::Problem;
-use super::schema::{Kind, Kinds};
+use drivetwin_panel::requests::{Kind, Kinds};
 
 /// Makes a board a drive of another kind, now and after its own power-on. The response comes when the board has started
 /// again.

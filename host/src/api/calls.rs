@@ -5,6 +5,7 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_panel::faults::Faults;
+use drivetwin_panel::requests::{Advance, Mode, Moment, NewValue, PinLevel, Power, Pulses, Scenario, Turn};
 use drivetwin_panel::schema::{Bench, Bus, Drive, Time};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::DriveId;
@@ -13,11 +14,9 @@ use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::faults::Party;
 use tokio::sync::oneshot;
 
+use super::board_state::{board_view, drive_of_board};
 use super::guard::Body;
 use super::problem::Problem;
-use super::schema::{
-    Advance, Mode, Moment, NewValue, PinLevel, Power, Pulses, Scenario, Turn, board_view, drive_of_board,
-};
 use super::{Api, stopping};
 use crate::board::{Board, reasons};
 use crate::event_loop::EventLoop;

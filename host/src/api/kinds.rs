@@ -6,7 +6,7 @@ use axum::response::IntoResponse;
 use drivetwin_sim::catalog;
 
 use super::problem::Problem;
-use crate::describe;
+use drivetwin_panel::describe;
 
 /// A kind of drive: its ports, pins, registers and faults, and what of it is not modelled. `drivetwin describe KIND
 /// --json` prints the same.

@@ -19,10 +19,10 @@ use serde::Deserialize;
 use tokio::sync::{Mutex, OwnedSemaphorePermit, watch};
 use tokio::time::{Interval, interval, timeout};
 
+use super::board_state::{board_view, drive_of_board};
 use super::event_stream::KEEP_ALIVE;
 use super::guard::QueryParameters;
 use super::problem::Problem;
-use super::schema::{board_view, drive_of_board};
 use super::{Api, too_many};
 use crate::board::reasons;
 use crate::clock::wall;

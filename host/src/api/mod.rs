@@ -3,6 +3,7 @@
 //! The API runs on a thread of its own. Each call becomes one job for the thread that owns the bench. That
 //! thread executes one job at a time. Long data, such as a trace, is copied from the bench in pieces.
 
+mod board_state;
 mod boards;
 mod calls;
 mod downloads;
@@ -14,7 +15,6 @@ mod openapi;
 mod page;
 mod problem;
 mod received;
-mod schema;
 mod terminals;
 
 use std::collections::BTreeMap;

@@ -13,10 +13,11 @@ use axum::http::StatusCode;
 use axum::response::Sse;
 use axum::response::sse::Event;
 use drivetwin_firmware::device::Framing;
+use drivetwin_panel::requests::Typed;
 use drivetwin_sim::bench::Client;
 use drivetwin_sim::commands;
 use futures_util::stream::{self, Stream};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use tokio::sync::OwnedSemaphorePermit;
 use tokio::time::timeout;
 use utoipa::ToSchema;
@@ -73,15 +74,6 @@ pub(super) struct TerminalOpen {
 pub(super) struct TerminalText {
     /// What the drive has sent, with its control characters. A byte above 127 is U+FFFD.
     #[schema(example = "PR P\r\n0\r\n>")]
-    text: String,
-}
-
-/// What a person types.
-#[derive(Deserialize, ToSchema)]
-#[serde(deny_unknown_fields)]
-#[schema(example = json!({"text": "PR P\r"}))]
-pub(super) struct Typed {
-    /// Characters to send, with control characters. They are sent as UTF-8.
     text: String,
 }
 

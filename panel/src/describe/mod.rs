@@ -8,11 +8,12 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use drivetwin_firmware::device::{self, Framing, Level, Pin, PinSpec, Role, Spec};
-use drivetwin_panel::schema::ValueSchema;
 use drivetwin_protocol::registers::{self, Legal, Row, Shape, Space, Table, characters};
 use drivetwin_sim::value::Value;
 use serde::Serialize;
 use utoipa::ToSchema;
+
+use crate::schema::ValueSchema;
 
 /// Description of a kind as JSON, on one line.
 pub fn json(spec: &Spec) -> String {
@@ -67,7 +68,7 @@ pub fn json(spec: &Spec) -> String {
 /// A kind of drive.
 #[derive(Serialize, ToSchema)]
 #[schema(as = KindDescription)]
-pub(crate) struct Kind {
+pub struct Kind {
     kind: &'static str,
     product: &'static str,
     manual: &'static str,

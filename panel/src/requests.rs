@@ -1,36 +1,37 @@
-//! Requests of the control API, as JSON. Its responses are those of [`drivetwin_panel::schema`].
+//! Requests of the control API, as JSON. The responses are those of [`schema`](crate::schema).
 
-use drivetwin_firmware::device::Instant;
-use drivetwin_panel::schema::{BoardView, Drive, ImageView, PortState, ValueSchema};
 use drivetwin_sim::bench::{self, PowerAction, scenario};
-use drivetwin_sim::commands::{self, Contact, InputLevel, Refusal};
+use drivetwin_sim::commands::{Contact, InputLevel};
 use drivetwin_sim::config::bench_file::parse_scenarios;
 use drivetwin_sim::value::Value;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 use utoipa::ToSchema;
 
-use crate::board::{Board, Drive as OnBoard, of_first_port};
+use crate::schema::ValueSchema;
 
 /// Level, voltage or current of an input pin: exactly one of the three.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"level": "low"}))]
-pub(super) struct PinLevel {
+pub struct PinLevel {
     /// `low` pulls the pin low, `high` drives it high, `open` does not drive it.
-    level: Option<Driven>,
+    pub level: Option<Driven>,
     /// A voltage, on an analogue input.
-    volts: Option<f64>,
+    pub volts: Option<f64>,
     /// A current in mA, on an analogue input that can measure one.
-    milliamps: Option<f64>,
+    pub milliamps: Option<f64>,
 }
 
 /// A level from outside.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-enum Driven {
+pub enum Driven {
+    /// Pulls the pin low.
     Low,
+    /// Drives the pin high.
     High,
+    /// Does not drive the pin.
     Open,
 }
 
@@ -49,55 +50,62 @@ impl From<PinLevel> for InputLevel {
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"count": 1000, "hz": 250000}))]
-pub(super) struct Pulses {
+pub struct Pulses {
+    /// Number of pulses.
     #[schema(minimum = 1, maximum = 4294967295_i64)]
-    pub(super) count: u32,
+    pub count: u32,
     /// Pulses per second of bench time.
     #[schema(minimum = 0.000001, maximum = 8000000)]
-    pub(super) hz: f64,
+    pub hz: f64,
     /// Duty: the part of each period for which the pulse lasts, above 0 and below 1; 0.5 by default.
     #[schema(exclusive_minimum = 0, exclusive_maximum = 1)]
-    pub(super) duty: Option<f64>,
+    pub duty: Option<f64>,
 }
 
 /// Motion of an encoder.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"counts": 400, "hz": 10000}))]
-pub(super) struct Turn {
+pub struct Turn {
     /// Number of edges, four per cycle; not 0. A negative number turns in the other direction.
     #[schema(minimum = -2147483648, maximum = 2147483647)]
-    pub(super) counts: i64,
+    pub counts: i64,
     /// Edges per second of bench time.
     #[schema(minimum = 0.000001, maximum = 16000000)]
-    pub(super) hz: f64,
+    pub hz: f64,
 }
 
 /// New value of a register.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"value": 5}))]
-pub(super) struct NewValue {
+pub struct NewValue {
+    /// The value.
     #[schema(value_type = ValueSchema)]
-    pub(super) value: Value,
+    pub value: Value,
 }
 
 /// Change of a drive's power.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"action": "cycle"}))]
-pub(super) struct Power {
-    pub(super) action: Action,
+pub struct Power {
+    /// What happens to the power.
+    pub action: Action,
 }
 
 /// `off`, `on`, `cycle` (off and on again), or `cut`: the drive continues to run, and its power fails in the
 /// middle of its next save to memory.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Action {
+pub enum Action {
+    /// Off.
     Off,
+    /// On.
     On,
+    /// Off and on again.
     Cycle,
+    /// Off in the middle of the next save.
     Cut,
 }
 
@@ -116,55 +124,67 @@ impl From<Action> for PowerAction {
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"kind": "qsb-d"}))]
-pub(super) struct Kind {
-    pub(super) kind: String,
+pub struct Kind {
+    /// Name of the kind.
+    pub kind: String,
 }
 
 /// The kind that a board is now.
 #[derive(Serialize, ToSchema)]
-pub(super) struct Kinds {
-    pub(super) kind: String,
+pub struct Kinds {
+    /// Name of the kind.
+    pub kind: String,
     /// Kinds that it can be.
-    pub(super) kinds: Vec<String>,
+    pub kinds: Vec<String>,
 }
 
 /// New time mode.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Mode {
+pub struct Mode {
     /// `real`, `xN` (N times faster than real time, N up to 1000) or `manual`.
     #[schema(example = "manual", pattern = "^(real|x([1-9][0-9]{0,2}|1000)|manual)$")]
-    pub(super) mode: String,
+    pub mode: String,
 }
 
 /// Advance of the clock in manual time: exactly one of the two.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"seconds": 1.25}))]
-pub(super) struct Advance {
+pub struct Advance {
     /// Bench time to run, 0 to 86,400 s.
     #[schema(minimum = 0, maximum = 86400)]
-    pub(super) seconds: Option<f64>,
+    pub seconds: Option<f64>,
     /// Runs the bench to this moment.
-    pub(super) to: Option<Moment>,
+    pub to: Option<Moment>,
 }
 
 /// `next` is the next event of the bench: a drive, a line or a motor has something to do.
 #[derive(Clone, Copy, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum Moment {
+pub enum Moment {
+    /// The next event of the bench.
     Next,
+}
+
+/// What a person types.
+#[derive(Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+#[schema(example = json!({"text": "PR P\r"}))]
+pub struct Typed {
+    /// Characters to send, with control characters. They are sent as UTF-8.
+    pub text: String,
 }
 
 /// Actions that happen at a time, or after a request of a master.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Scenario {
+pub struct Scenario {
     /// The steps, each with the keys of a step of a `[[scenario]]` in a bench file.
     #[schema(value_type = Vec<Object>, min_items = 1, example = json!([
         {"when": {"drive": "md3", "register": "MotionControl"}, "after_ms": 100, "drive": "md3", "power": "cut"}
     ]))]
-    steps: Vec<serde_json::Map<String, Json>>,
+    pub steps: Vec<serde_json::Map<String, Json>>,
 }
 
 impl Scenario {
@@ -172,7 +192,7 @@ impl Scenario {
     ///
     /// # Errors
     /// The first error, with the number of the step.
-    pub(super) fn on(&self, bench: &bench::Bench) -> Result<Vec<scenario::Scenario>, String> {
+    pub fn on(&self, bench: &bench::Bench) -> Result<Vec<scenario::Scenario>, String> {
         let steps = self.steps.iter().zip(1..).map(|(step, number)| {
             toml(&Json::Object(step.clone())).ok_or_else(|| format!("step {number}: null is not a value"))
         });
@@ -204,41 +224,4 @@ fn toml(json: &Json) -> Option<String> {
             format!("{{ {} }}", members?.join(", "))
         }
     })
-}
-
-/// A board as it is seen now, with the power of its drive and its time; `None` if it cannot be reached.
-pub(super) fn board_view(board: &Board) -> (BoardView, Option<(bool, Instant)>) {
-    let seen = board.drive().and_then(|mut drive| {
-        let (state, statistics) = (commands::Drive::state(&mut drive)?, drive.statistics()?);
-        let now = (state.powered, drive.now()?);
-        Ok((image_view(&drive, &statistics)?, now))
-    });
-    let (image, away, now) = match seen {
-        Ok((image, now)) => (Some(image), None, Some(now)),
-        Err(refusal) => (None, Some(refusal.to_string()), None),
-    };
-    (BoardView { drive: board.name().to_owned(), place: board.place().to_owned(), away, image }, now)
-}
-
-fn image_view(drive: &OnBoard, statistics: &drivetwin_control::Statistics) -> Result<ImageView, Refusal> {
-    Ok(ImageView {
-        version: drive.image().to_owned(),
-        kinds: drive.kinds()?,
-        fast_boot: drive.is_fast_boot(),
-        lost_inputs: statistics.lost_inputs,
-        lost_events: statistics.lost_events,
-        lost_characters: statistics.lost_characters,
-        failures: statistics.failures,
-        slipped_steps: statistics.slipped,
-    })
-}
-
-/// The drive of a board.
-pub(super) fn drive_of_board(drive: &mut OnBoard) -> Result<Drive, Refusal> {
-    let (line, seen) = of_first_port(&drive.statistics()?);
-    let spec = commands::Drive::spec(drive);
-    let first = spec.ports.first().and_then(|port| Some((port.name, line.or(port.line)?)));
-    let ports = first.into_iter().map(|(name, line)| (name, PortState::serial(line, seen))).collect();
-    let (state, registers) = (commands::Drive::state(drive)?, commands::Drive::values(drive)?);
-    Ok(Drive::new(commands::Drive::name(drive), spec, &state, registers, ports))
 }
