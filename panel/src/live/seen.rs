@@ -253,8 +253,11 @@ impl Seen {
         details: Option<Drive>,
     ) {
         let index = drive.index();
-        if let (Some(seen), Some(state)) = (self.drives.get_mut(index), state) {
-            *seen = DriveSeen::of_state(spec, state);
+        if let Some(seen) = self.drives.get_mut(index) {
+            *seen = match state {
+                Some(state) => DriveSeen::of_state(spec, state),
+                None => DriveSeen { powered: false, ..*seen },
+            };
         }
         if self.wanted == Some(index) {
             self.details = details;
