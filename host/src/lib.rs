@@ -29,7 +29,7 @@
 //! | `streams`, `lender` | other threads of this process that use the bench |
 //! | `ports` | ptys, TCP and serial ports, standard input and output |
 //! | `board` | boards at this computer |
-//! | `api` | the control API (HTTP, JSON) |
+//! | `api` | the control API (HTTP, JSON), and the page of the panel |
 //! | `nv_file` | non-volatile memory in a file |
 //! | `output_file`, `live_file` | recordings, waveforms and frames, written while the bench runs |
 //! | `banner` | text and JSON with the addresses of a running bench |

@@ -13,6 +13,7 @@ import urllib.parse
 import pytest
 
 from conftest import PATIENCE, ask, receive
+from live import Live, without_nulls
 from md3 import MOTION_CONTROL
 
 JSON = {"Content-Type": "application/json"}
@@ -394,66 +395,9 @@ def test_a_motor_is_seen_turning(run, tmp_path):
     assert motor["rpm"] == pytest.approx(5_000 / 1_600 * 60)
 
 
-class Live:
-    """A client that has the state of the bench as `/api/live` tells it."""
-
-    def __init__(self, drivetwin, query=""):
-        self.connection = connect(drivetwin)
-        self.connection.request("GET", "/api/live" + query)
-        self.answer = answered(self.connection)
-        assert self.answer.getheader("Content-Type") == "text/event-stream"
-        self.state, self.traffic, self.updates = {}, [], 0
-
-    def update(self):
-        """Takes the next update."""
-        fields = {}
-        while (line := self.answer.readline().decode()) != "\n":
-            assert line, "the bench is gone"
-            name, _, value = line.rstrip("\n").partition(": ")
-            fields[name] = value
-        if "event" in fields:
-            assert fields["event"] == "update"
-            update = json.loads(fields["data"])
-            assert update, "an update has something"
-            self.state = patched(self.state, update.get("state", {}))
-            self.traffic += update.get("traffic", [])
-            self.updates += 1
-
-    def until(self, wanted):
-        """Takes updates until the state is as wanted."""
-        until = time.monotonic() + PATIENCE
-        while not wanted(self):
-            assert time.monotonic() < until, f"it does not come: {self.state}"
-            self.update()
-
-    def close(self):
-        self.answer.close()
-        self.connection.close()
-
-
-def patched(target, patch):
-    """Section 2 of RFC 7396."""
-    if not isinstance(patch, dict):
-        return patch
-    target = dict(target) if isinstance(target, dict) else {}
-    for name, value in patch.items():
-        if value is None:
-            target.pop(name, None)
-        else:
-            target[name] = patched(target.get(name), value)
-    return target
-
-
-def without_nulls(value):
-    """JSON without members that are null, which a live state does not have."""
-    if not isinstance(value, dict):
-        return value
-    return {name: without_nulls(member) for name, member in value.items() if member is not None}
-
-
 def test_what_is_live_is_what_the_calls_tell(run):
     drivetwin = run("--fast-boot", "--time", "manual")
-    live, details = Live(drivetwin), Live(drivetwin, "?drive=md3")
+    live, details = Live(drivetwin.control), Live(drivetwin.control, "?drive=md3")
     for client in (live, details):
         client.update()
     assert live.state["drives"]["md3"] == {
@@ -482,7 +426,7 @@ def test_what_is_live_is_what_the_calls_tell(run):
 
 def test_what_calls_change_is_live(run):
     drivetwin = run("--fast-boot", "--time", "manual")
-    live = Live(drivetwin)
+    live = Live(drivetwin.control)
     live.update()
     drivetwin.call("PUT", "/api/buses/rs485/faults", {"drop": 0.5})
     live.until(lambda live: live.state["buses"]["rs485"]["faults"]["drop"] == 0.5)
@@ -497,7 +441,7 @@ def test_what_calls_change_is_live(run):
 def test_a_busy_bench_gives_at_most_30_updates_a_second(run):
     """A QSB that streams 512 records a second changes all the time."""
     drivetwin = run("--fast-boot", kind="qsb-d")
-    live = Live(drivetwin, "?drive=qsb-d")
+    live = Live(drivetwin.control, "?drive=qsb-d")
     live.update()
     drivetwin.call("POST", "/api/drives/qsb-d/encoder", {"counts": 1_000_000, "hz": 100_000})
     began, first = time.monotonic(), live.updates
@@ -512,7 +456,7 @@ def test_a_busy_bench_gives_at_most_30_updates_a_second(run):
 
 def test_a_reader_that_stops_keeps_nobody_waiting_and_goes_on_with_the_present(run):
     drivetwin = run("--fast-boot", "--time", "manual")
-    live = Live(drivetwin)
+    live = Live(drivetwin.control)
     live.update()
     for n in range(1, 300):
         drivetwin.call("PUT", "/api/drives/md3/registers/Speed", {"value": n})

@@ -20,6 +20,7 @@ from pathlib import Path
 import pytest
 
 from conftest import PATIENCE, ask, host_and_port
+from live import Live, without_nulls
 
 READ = bytes.fromhex("01 03 00 00 00 01 84 0A")
 """Function 3: DeviceAddress (0x00), which is 1 (7.1)."""
@@ -308,3 +309,24 @@ def test_a_board_that_is_gone_is_said_in_one_sentence(attach, board):
 def test_a_place_without_a_board(arguments, sentence):
     done = subprocess.run([os.environ["DRIVETWIN"], "attach", *arguments], capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stdout, done.stderr) == (2, "", sentence)
+
+
+def test_a_board_is_live_and_says_what_it_cannot_do(board, attach):
+    program = attach()
+    live = Live(program.ready["control"], "?drive=board")
+    live.update()
+    seen = live.state["drives"]["board"]
+    assert (seen["kind"], seen["powered"], seen["moving"]) == ("md3", True, False)
+    assert seen["board"]["image"]["version"] == program.get("/api/bench")["boards"][0]["image"]["version"]
+    assert live.state["drive"]["registers"] == without_nulls(program.get(D))["registers"]
+    assert set(live.state["cannot"]) == {"time", "advance", "line_faults", "scenario", "traffic"}
+    # A refused call has the same sentence.
+    _, refused = program.call("PUT", "/api/time", {"mode": "manual"})
+    assert live.state["cannot"]["time"] == json.loads(refused)["detail"]
+    assert program.call("PUT", f"{D}/pins/J2.2", {"level": "low"})[0] == 204
+    live.until(lambda live: live.state["drive"]["pins"]["J2.2"] == "low")
+    board.end()
+    live.until(lambda live: "away" in live.state["drives"]["board"]["board"])
+    seen = live.state["drives"]["board"]
+    assert not seen["powered"] and "image" not in seen["board"] and "drive" not in live.state
+    live.close()

@@ -1,7 +1,5 @@
 //! Messages in words.
 
-use std::collections::VecDeque;
-
 use drivetwin_sim::bench::{News, OwnNews, ReceivedMessage, Receiver, SentMessage};
 use drivetwin_sim::decode::{Exchange, Verdict};
 use serde::Serialize;
@@ -103,11 +101,10 @@ pub(super) fn of(news: &News, own: &OwnNews, layout: &Layout) -> (Vec<Frame>, u6
             sent: true,
         }
     });
-    let mut sent: VecDeque<Frame> = sent.collect();
-    let mut frames = Vec::with_capacity(sent.len());
+    let (mut sent, mut frames) = (sent.peekable(), Vec::new());
     // Received messages keep their order, which is not always that of their times.
     for frame in received {
-        while let Some(earlier) = sent.pop_front_if(|sent| sent.at < frame.at) {
+        while let Some(earlier) = sent.next_if(|sent| sent.at < frame.at) {
             frames.push(earlier);
         }
         frames.push(frame);

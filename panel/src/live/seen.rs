@@ -253,8 +253,11 @@ impl Seen {
         details: Option<Drive>,
     ) {
         let index = drive.index();
-        if let (Some(seen), Some(state)) = (self.drives.get_mut(index), state) {
-            *seen = DriveSeen::of_state(spec, state);
+        if let Some(seen) = self.drives.get_mut(index) {
+            *seen = match state {
+                Some(state) => DriveSeen::of_state(spec, state),
+                None => DriveSeen { powered: false, ..*seen },
+            };
         }
         if self.wanted == Some(index) {
             self.details = details;
@@ -295,8 +298,8 @@ impl Seen {
         without_nulls(state)
     }
 
-    /// What has changed on the same bench since `old`, as a merge patch; `None` if nothing has. Only for what differs,
-    /// JSON is made.
+    /// What has changed on the same bench since `old`, as a merge patch; `None` if nothing has. Makes JSON only
+    /// of what differs.
     pub(super) fn changes_since(&self, old: &Self, layout: &Layout, cannot: &Cannot) -> Option<Value> {
         let mut patch = Map::new();
         let mut add =
@@ -305,12 +308,12 @@ impl Seen {
             add("time", merge_patch(&old.time(), &self.time()));
             add("cannot", merge_patch(&old.cannot(cannot), &self.cannot(cannot)));
         }
-        let drive = |seen: &Self, index| (seen.drives.get(index).copied(), seen.boards.get(&index).cloned());
         add(
             "drives",
             Self::changed(layout.drives.iter().map(|(name, _)| name), |index| {
-                (drive(self, index) != drive(old, index))
-                    .then(|| [old, self].map(|seen| seen.drive(index, layout)))
+                let differs = self.drives.get(index) != old.drives.get(index)
+                    || self.boards.get(&index) != old.boards.get(&index);
+                differs.then(|| [old, self].map(|seen| seen.drive(index, layout)))
             }),
         );
         add(

@@ -69,6 +69,7 @@ fn the_first_update_is_whole() {
             MotorModel::Stepper(StepperParameters::NOMINAL),
         )
         .expect("a motor");
+    bench.encode(motor, 500, [Some((x, pin("J2.10"))), None, Some((x, pin("J2.12")))]);
     bench.switch(motor, Closed { above_rev: Some(1.0), below_rev: None }, (x, pin("J2.2")));
     bench.run_until(100.millis());
     let state = whole(&bench, None);
@@ -76,7 +77,12 @@ fn the_first_update_is_whole() {
     assert_eq!(state["cannot"], json!({}));
     assert_eq!(
         state["wires"],
-        json!([{"from": "x.STEP", "to": "y.J2.4"}, {"from": "m.switch", "to": "x.J2.2"}])
+        json!([
+            {"from": "x.STEP", "to": "y.J2.4"},
+            {"from": "m.switch", "to": "x.J2.2"},
+            {"from": "m.a", "to": "x.J2.10"},
+            {"from": "m.index", "to": "x.J2.12"},
+        ])
     );
     let still = json!({"index": 1, "kind": "md3", "powered": true, "lit": state["drives"]["y"]["lit"], "fault": false,
         "moving": false, "position": 0, "speed": 0.0});
