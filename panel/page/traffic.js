@@ -7,6 +7,9 @@ import { clock, duration, number } from "./format.js";
 const KEPT = 1000; // frames
 const KEPT_TROUBLE = 300; // frames that were not done, kept also when many others follow
 const ROWS = 300; // rows in the document
+const FLOOD = 25; // frames at a time from which on only the newest rows are drawn, ten times per second
+const FLOOD_ROWS = 40;
+const FLOOD_PAUSE = 100; // milliseconds
 
 const FILTERS = [
   ["all", "All", () => true],
@@ -34,9 +37,7 @@ export function trafficCard(app, { drive = null } = {}) {
   const rows = el("ol", { class: "frames" });
   const empty = el("p", { class: "empty" });
   const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last" }, empty, rows);
-  const latest = button("Newest ↓", { class: "latest", hidden: true }, () => {
-    scroller.scrollTop = scroller.scrollHeight;
-  });
+  const latest = button("Newest ↓", { class: "latest", hidden: true }, () => show());
   const head = el("div", { class: "tools" }, el("div", { class: "segments", role: "group", "aria-label": "Which messages" }, chips), search, clear);
   const node = card("Traffic", { class: `traffic ${drive ? "" : "of-all"}`, id: "traffic" }, head, el("div", { class: "frames-box" }, scroller, latest));
 
@@ -51,15 +52,21 @@ export function trafficCard(app, { drive = null } = {}) {
     words = search.value.trim().toLowerCase();
     show();
   });
+  let missed = 0, flooded = 0, settled = 0; // frames that are not drawn while one reads older ones; time of the last flood that was drawn
   const atEnd = () => scroller.scrollTop + scroller.clientHeight >= scroller.scrollHeight - 30;
+  /** True unless one reads: has scrolled back, or has opened a frame. */
+  const follows = () => atEnd() && !rows.querySelector(".frame-details");
   scroller.addEventListener("scroll", () => {
+    if (missed && atEnd()) show();
     latest.hidden = atEnd();
   }, { passive: true });
 
   /** Draws the list anew, after another filter. */
-  const show = () => {
+  const show = (most = ROWS) => {
     const source = filter === FILTERS[0] ? all : trouble;
-    rows.replaceChildren(...source.filter(passes).slice(-ROWS).map(frame => row(frame, drive)));
+    missed = 0;
+    latest.hidden = true;
+    rows.replaceChildren(...source.filter(passes).slice(-most).map(frame => row(frame, drive)));
     empty.hidden = rows.childElementCount > 0;
     if (total) text(empty, "No message passes the filter.");
     scroller.scrollTop = scroller.scrollHeight;
@@ -99,18 +106,31 @@ export function trafficCard(app, { drive = null } = {}) {
       }
       if (all.length > KEPT) all.splice(0, all.length - KEPT);
       if (trouble.length > KEPT_TROUBLE) trouble.splice(0, trouble.length - KEPT_TROUBLE);
-      fresh.push(...traffic.slice(-ROWS).filter(passes).map(frame => row(frame, drive)));
       if (refused) {
         text(chips[1], `Refused ${refused}`);
         chips[1].classList.add("has-refused");
       }
-      if (!fresh.length) return;
-      const follow = atEnd();
-      rows.append(...fresh);
-      while (rows.childElementCount > (follow ? ROWS : 2 * ROWS)) rows.firstElementChild.remove();
-      empty.hidden = true;
-      if (follow) scroller.scrollTop = scroller.scrollHeight;
-      else latest.hidden = false;
+      const passing = traffic.filter(passes);
+      if (!passing.length && !fresh.length) return;
+      const follow = follows();
+      if (passing.length > FLOOD && total > passing.length) {
+        const now = performance.now();
+        if (!follow) missed += passing.length;
+        else if (now - flooded > FLOOD_PAUSE) {
+          flooded = now;
+          show(FLOOD_ROWS);
+        }
+        // When the flood is over, all rows come back.
+        clearTimeout(settled);
+        settled = setTimeout(() => follows() && show(), 3 * FLOOD_PAUSE);
+      } else {
+        rows.append(...fresh, ...passing.slice(-ROWS).map(frame => row(frame, drive)));
+        while (rows.childElementCount > (follow ? ROWS : 2 * ROWS)) rows.firstElementChild.remove();
+        empty.hidden = true;
+        if (follow) scroller.scrollTop = scroller.scrollHeight;
+      }
+      latest.hidden = follow;
+      text(latest, missed ? `Newest ↓ ${number(missed)} more` : "Newest ↓");
     },
   };
 }
