@@ -4,6 +4,7 @@ import { attr, button, card, el, greyed, text } from "./dom.js";
 import { dial, stepsPerTurn } from "./dial.js";
 import { encoderCard } from "./encoder.js";
 import { face } from "./face.js";
+import { countOf } from "./history.js";
 import { lineCard } from "./line.js";
 import { plotCard } from "./plot.js";
 import { programCard } from "./program.js";
@@ -13,7 +14,7 @@ import { trafficCard } from "./traffic.js";
 import { number } from "./format.js";
 
 /** What positions and speeds of a kind are in. */
-const unitsOf = kind => (/^(rs|mdrobot)/.test(kind) ? { position: "counts", speed: "counts/s" } : { position: "steps", speed: "steps/s" });
+const unitsOf = kind => (/^(rs|mdrobot|qsb-[ds])/.test(kind) ? { position: "counts", speed: "counts/s" } : { position: "steps", speed: "steps/s" });
 
 export function driveView(app, name) {
   const node = el("article", { class: "drive", "data-drive": name, "aria-label": `Drive ${name}` });
@@ -35,7 +36,8 @@ export function driveView(app, name) {
     const lines = Object.entries(store.state.buses ?? {}).filter(([, bus]) => bus.drives.includes(name)).map(([bus]) => lineCard(app, bus));
     const shaft = kind.axes.length ? dial(units) : null;
     const statistics = statisticsCard(app);
-    const motion = shaft ? el("div", { class: "motion" }, card("Motor", { class: "motor-card" }, null, shaft.node), plot.node) : null;
+    const motion = shaft ? el("div", { class: "motion" }, card("Motor", { class: "motor-card" }, null, shaft.node), plot.node)
+      : countOf(state) !== undefined ? el("div", { class: "motion alone" }, plot.node) : null;
     const limits = kind.not_modelled.length ? el("details", { class: "card limits" }, el("summary", {}, `Not modelled (${kind.not_modelled.length})`), el("ul", {}, kind.not_modelled.map(line => el("li", {}, line)))) : null;
     node.replaceChildren(head.node,
       el("div", { class: "columns" },
@@ -64,11 +66,11 @@ export function driveView(app, name) {
       parts.registers.refused(frame);
       plot.mark(frame);
     }
-    if (parts.shaft && (news.whole || news.changes.drive?.motion || news.changes.motors || news.changes.time)) {
+    if (parts.shaft && (news.whole || news.changes.drive?.motion || news.changes.motors)) {
       const motor = Object.values(store.state.motors ?? {}).find(motor => motor.drive === name);
-      if (news.whole || news.changes.drive?.motion || news.changes.motors) parts.shaft.update(state.motion, motor, stepsPerTurn(state.kind, state.registers));
-      plot.drawn();
+      parts.shaft.update(state.motion, motor, stepsPerTurn(state.kind, state.registers));
     }
+    if (news.whole || news.changes.time) plot.draw();
   };
 
   return {

@@ -28,7 +28,7 @@ export function lineCard(app, name, attributes = {}) {
 
   const slider = (key, label, most, words, toValue, toStep) => {
     const input = el("input", { type: "range", min: 0, max: most, value: 0, "aria-label": label, "data-line-fault": key });
-    const shown = el("output", {});
+    const shown = el("span", { class: "shown" });
     const show = value => {
       text(shown, words(value));
       attr(input, "aria-valuetext", words(value));

@@ -19,7 +19,7 @@ export function plotCard(units, samples) {
       "Position and speed over time. Left and right move the cursor, plus and minus zoom, space pauses, End shows the present.",
   });
   const context = canvas.getContext("2d");
-  const readout = el("output", { class: "readout", "aria-live": "off" });
+  const readout = el("p", { class: "readout", "aria-live": "off" });
   const spans = SPANS.map(seconds => button(seconds < 60 ? `${seconds} s` : `${seconds / 60} min`, { "aria-pressed": seconds === span }, () => zoomTo(seconds)));
   const pause = button("Pause", { class: "toggle", "data-action": "plot-pause", "aria-pressed": false }, () => hold(end === null));
   const legend = el("div", { class: "legend", "aria-hidden": "true" }, el("span", { class: "of-position" }, "position"), el("span", { class: "of-speed" }, "speed"));
@@ -303,7 +303,7 @@ export function plotCard(units, samples) {
       marks.push({ at: frame.at, text: `${frame.text}: ${frame.outcome}` });
       if (marks.length > MARKS) marks.shift();
     },
-    drawn: draw,
+    draw,
     close() {
       observer.disconnect();
       removeEventListener("theme", readColors);
