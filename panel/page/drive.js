@@ -75,6 +75,7 @@ export function driveView(app, name) {
 
   return {
     node,
+    kind: store.state.drive.kind,
     update,
     close() {
       closed = true;

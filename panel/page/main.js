@@ -88,7 +88,12 @@ function onUpdate(update, whole) {
   store.take(update, whole);
   countRefusals(update);
   app.histories.take(store.state, whole);
-  if (whole && !view && !missing) open();
+  // A board may become a drive of another kind.
+  if (view && update.state?.drive?.kind && view.kind !== store.state.drive.kind) {
+    view.close();
+    view = null;
+  }
+  if (!view && !missing && (whole || update.state?.drive)) open();
   if (!frame) frame = requestAnimationFrame(draw);
 }
 
