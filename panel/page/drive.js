@@ -8,6 +8,7 @@ import { countOf } from "./history.js";
 import { lineCard } from "./line.js";
 import { plotCard } from "./plot.js";
 import { programCard } from "./program.js";
+import { pulsesCard } from "./pulses.js";
 import { registersCard } from "./registers.js";
 import { terminalCard, textPorts } from "./terminal.js";
 import { trafficCard } from "./traffic.js";
@@ -31,6 +32,7 @@ export function driveView(app, name) {
     const front = face(app, name, kind, state);
     const faults = Object.keys(state.faults ?? {}).length ? faultsCard(app, name) : null;
     const encoder = kind.encoders.length ? encoderCard(app, name) : null;
+    const pulses = pulsesCard(app, name, kind, state.pins);
     const program = programCard(app, kind);
     const terminals = textPorts(kind).map(port => terminalCard(app, name, kind, port));
     const lines = Object.entries(store.state.buses ?? {}).filter(([, bus]) => bus.drives.includes(name)).map(([bus]) => lineCard(app, bus));
@@ -42,7 +44,7 @@ export function driveView(app, name) {
     node.replaceChildren(head.node,
       el("div", { class: "columns" },
         el("div", { class: "screens" }, motion, traffic.node, terminals.map(terminal => terminal.node), program.node, registers.node),
-        el("div", { class: "controls" }, front.node, encoder?.node, faults?.node, lines.map(line => line.node), statistics.node, limits)));
+        el("div", { class: "controls" }, front.node, encoder?.node, pulses?.node, faults?.node, lines.map(line => line.node), statistics.node, limits)));
     parts = { head, traffic, registers, front, faults, program, terminals, lines, shaft, statistics };
     update({ changes: {}, traffic: waiting, leftOut: 0, whole: true });
   };
@@ -60,6 +62,7 @@ export function driveView(app, name) {
     }
     const state = store.state.drive;
     if (!state) return;
+    attr(node, "data-state", state.powered ? "on" : "off");
     for (const part of [parts.head, parts.traffic, parts.registers, parts.front, parts.faults, parts.program, parts.statistics, ...parts.lines]) part?.update(news);
     for (const frame of news.traffic) {
       if (frame.verdict !== "refused") continue;
