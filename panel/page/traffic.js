@@ -36,7 +36,7 @@ export function trafficCard(app, { drive = null } = {}) {
   });
   const rows = el("ol", { class: "frames" });
   const empty = el("p", { class: "empty" });
-  const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last" }, empty, rows);
+  const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last; the arrow keys go through them" }, empty, rows);
   const latest = button("Newest ↓", { class: "latest", hidden: true }, () => show());
   const head = el("div", { class: "tools" }, el("div", { class: "segments", role: "group", "aria-label": "Which messages" }, chips), search, clear);
   const node = card("Traffic", { class: `traffic ${drive ? "" : "of-all"}`, id: "traffic" }, head, el("div", { class: "frames-box" }, scroller, latest));
@@ -60,6 +60,18 @@ export function trafficCard(app, { drive = null } = {}) {
     if (missed && atEnd()) show();
     latest.hidden = atEnd();
   }, { passive: true });
+
+  // One stop of the Tab key for the whole list; the arrow keys go from frame to frame.
+  scroller.addEventListener("keydown", event => {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (!step || !rows.childElementCount) return;
+    const here = event.target.closest("[data-traffic]");
+    let next = here ?? rows.lastElementChild;
+    if (here) do next = step > 0 ? next.nextElementSibling : next.previousElementSibling; while (next && !next.dataset.traffic);
+    if (!next) return;
+    event.preventDefault();
+    next.querySelector("button").focus();
+  });
 
   /** Draws the list anew, after another filter. */
   const show = (most = ROWS) => {
@@ -148,7 +160,7 @@ function row(frame, ofDrive) {
       el("span", { class: "said" }, frame.sent ? el("span", { class: "way", title: "sent by the drive itself" }, "← ") : null, said),
       outcome ? el("span", { class: "outcome" }, outcome) : null),
     verdict ? el("span", { class: "verdict" }, verdict) : null,
-  ], { class: "frame", "aria-expanded": false }, () => {
+  ], { class: "frame", "aria-expanded": false, tabindex: -1 }, () => {
     const open = line.getAttribute("aria-expanded") !== "true";
     attr(line, "aria-expanded", open);
     if (open) node.append(details(frame));
