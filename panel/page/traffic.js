@@ -86,7 +86,11 @@ export function trafficCard(app, { drive = null } = {}) {
 
   const note = () => {
     const reason = app.cannot("traffic");
-    if (!total) text(empty, reason ? `No messages are shown: ${reason}.` : (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet."));
+    if (total) return;
+    if (reason) return text(empty, `No messages are shown: ${reason}.`);
+    const lines = Object.values(app.store.state.buses ?? {}).filter(bus => !drive || bus.drives.includes(drive)).slice(0, 3);
+    const places = lines.flatMap(bus => bus.listen.map(place => `${place}${bus.line ? ` (${bus.line})` : ""}`));
+    text(empty, (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet.") + (drive && places.length ? ` A master reaches it at ${places.join(" and ")}.` : ""));
   };
 
   return {
