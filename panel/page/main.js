@@ -104,7 +104,7 @@ function countRefusals(update) {
     return refusals.get(name);
   };
   for (const { drive, number, verdict } of update.traffic ?? []) {
-    if (!drive || number <= of(drive).last) continue; // seen already: after a reconnection the latest ones come again
+    if (!drive || number === undefined || number <= of(drive).last) continue; // seen already: after a reconnection the latest ones come again
     of(drive).last = number;
     if (verdict === "refused") of(drive).count++;
   }

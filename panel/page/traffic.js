@@ -26,7 +26,7 @@ const VERDICTS = {
 export function trafficCard(app, { drive = null } = {}) {
   const all = [], trouble = [];
   const before = new Map(); // time of the last message, by port
-  let filter = FILTERS[0], words = "", refused = 0, total = 0, lastNumber = 0, lastAt = 0;
+  let filter = FILTERS[0], words = "", refused = 0, total = 0, lastNumber = 0, lastSent = -1, lastAt = 0;
 
   const chips = FILTERS.map(entry => button(entry[1], { "data-filter": entry[0], "aria-pressed": entry === filter }, () => choose(entry)));
   const search = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter messages by text", class: "filter", autocomplete: "off", spellcheck: "false" });
@@ -99,11 +99,13 @@ export function trafficCard(app, { drive = null } = {}) {
       if (whole || changes.cannot !== undefined) note();
       if (whole && (app.store.state.time?.seconds ?? 0) < lastAt) {
         all.length = trouble.length = refused = lastNumber = lastAt = 0; // another bench
+        lastSent = -1;
         before.clear();
         show();
       }
       // After a reconnection the latest messages come again.
-      const traffic = news.filter(frame => frame.number > lastNumber);
+      const known = whole ? lastSent : -1;
+      const traffic = news.filter(frame => (frame.sent ? frame.at > known : frame.number > lastNumber));
       if (whole && total) leftOut = 0;
       if (!traffic.length && !leftOut) return;
       const fresh = [];
@@ -114,7 +116,8 @@ export function trafficCard(app, { drive = null } = {}) {
         const earlier = before.get(line);
         frame.gap = earlier === undefined ? null : Math.max(0, frame.at - earlier);
         before.set(line, frame.at);
-        lastNumber = frame.number;
+        if (frame.sent) lastSent = frame.at;
+        else lastNumber = frame.number;
         lastAt = Math.max(lastAt, frame.at);
         all.push(frame);
         if (frame.verdict !== "done") trouble.push(frame);
@@ -154,7 +157,7 @@ export function trafficCard(app, { drive = null } = {}) {
 function row(frame, ofDrive) {
   const isRead = frame.verdict === "done" && frame.text.startsWith("read ") && / = /.test(frame.outcome);
   const said = isRead ? `read ${frame.outcome}` : frame.text;
-  const outcome = isRead || !frame.outcome || frame.outcome === "done" ? null : frame.outcome;
+  const outcome = isRead || frame.sent || !frame.outcome || frame.outcome === "done" ? null : frame.outcome;
   const verdict = VERDICTS[frame.verdict];
   const line = button([
     el("span", { class: "at" }, clock(frame.at)),
@@ -170,7 +173,7 @@ function row(frame, ofDrive) {
     if (open) node.append(details(frame));
     else node.lastChild.remove();
   });
-  const node = el("li", { "data-traffic": frame.number, "data-verdict": frame.verdict, "data-at": frame.at, "data-of": frame.drive }, line);
+  const node = el("li", { "data-traffic": frame.number ?? "sent", "data-verdict": frame.verdict, "data-at": frame.at, "data-of": frame.drive }, line);
   return node;
 }
 
