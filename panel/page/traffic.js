@@ -89,7 +89,7 @@ export function trafficCard(app, { drive = null } = {}) {
     if (total) return;
     if (reason) return text(empty, `No messages are shown: ${reason}.`);
     const lines = Object.values(app.store.state.buses ?? {}).filter(bus => !drive || bus.drives.includes(drive)).slice(0, 3);
-    const places = lines.flatMap(bus => bus.listen.map(place => `${place}${bus.line ? ` (${bus.line})` : ""}`));
+    const places = lines.filter(bus => bus.listen.length).map(bus => bus.listen.join(" or ") + (bus.line ? ` with ${bus.line}` : ""));
     text(empty, (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet.") + (drive && places.length ? ` A master reaches it at ${places.join(" and ")}.` : ""));
   };
 
