@@ -7,9 +7,9 @@ import { clock, duration, number } from "./format.js";
 const KEPT = 1000; // frames
 const KEPT_TROUBLE = 300; // frames that were not done, kept also when many others follow
 const ROWS = 300; // rows in the document
-const FLOOD = 25; // frames at a time from which on only the newest rows are drawn, ten times per second
-const FLOOD_ROWS = 40;
-const FLOOD_PAUSE = 100; // milliseconds
+const FLOOD = 12; // frames at a time from which on only the newest rows are drawn, seven times per second
+const FLOOD_ROWS = 20;
+const FLOOD_PAUSE = 140; // milliseconds
 
 const FILTERS = [
   ["all", "All", () => true],
@@ -36,7 +36,7 @@ export function trafficCard(app, { drive = null } = {}) {
   });
   const rows = el("ol", { class: "frames" });
   const empty = el("p", { class: "empty" });
-  const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last; the arrow keys go through them" }, empty, rows);
+  const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last; the arrow keys go through them" }, el("div", {}, empty, rows));
   const latest = button("Newest ↓", { class: "latest", hidden: true }, () => show());
   const head = el("div", { class: "tools" }, el("div", { class: "segments", role: "group", "aria-label": "Which messages" }, chips), search, clear);
   const node = card("Traffic", { class: `traffic ${drive ? "" : "of-all"}`, id: "traffic" }, head, el("div", { class: "frames-box" }, scroller, latest));
@@ -52,13 +52,16 @@ export function trafficCard(app, { drive = null } = {}) {
     words = search.value.trim().toLowerCase();
     show();
   });
-  let missed = 0, flooded = 0, settled = 0; // frames that are not drawn while one reads older ones; time of the last flood that was drawn
-  const atEnd = () => scroller.scrollTop + scroller.clientHeight >= scroller.scrollHeight - 30;
-  /** True unless one reads: has scrolled back, or has opened a frame. */
-  const follows = () => atEnd() && !rows.querySelector(".frame-details");
+  // The list keeps its end in sight by itself: panel.css reverses its direction, so that its end is at scroll offset 0. Nothing
+  // here asks for a height, which would cost a layout for each update.
+  let missed = 0, flooded = 0, settled = 0; // frames that are not drawn while one reads; time of the last flood that was drawn
+  let atEnd = true, ours = 0; // `ours` is the offset that an open frame was given below
+  const isOpen = () => rows.querySelector(".frame-details") !== null;
   scroller.addEventListener("scroll", () => {
-    if (missed && atEnd()) show();
-    latest.hidden = atEnd();
+    if (ours && scroller.scrollTop === ours) return;
+    atEnd = scroller.scrollTop > -30;
+    if (missed && atEnd && !isOpen()) show();
+    latest.hidden = atEnd;
   }, { passive: true });
 
   // One stop of the Tab key for the whole list; the arrow keys go from frame to frame.
@@ -81,7 +84,9 @@ export function trafficCard(app, { drive = null } = {}) {
     rows.replaceChildren(...source.filter(passes).slice(-most).map(frame => row(frame, drive)));
     empty.hidden = rows.childElementCount > 0;
     if (total) text(empty, "No message passes the filter.");
-    scroller.scrollTop = scroller.scrollHeight;
+    if (!atEnd || ours) scroller.scrollTop = 0;
+    atEnd = true;
+    ours = 0;
   };
 
   const note = () => {
@@ -131,24 +136,33 @@ export function trafficCard(app, { drive = null } = {}) {
       }
       const passing = traffic.filter(passes);
       if (!passing.length && !fresh.length) return;
-      const follow = follows();
-      if (passing.length > FLOOD && total > passing.length) {
+      if (ours && !isOpen()) {
+        atEnd = scroller.scrollTop > -30;
+        ours = 0;
+      }
+      const isFlood = passing.length > FLOOD && total > passing.length;
+      if (!atEnd || ((isFlood || rows.childElementCount > 2 * ROWS) && isOpen())) {
+        missed += passing.length; // who reads older frames shall not lose their place
+      } else if (isFlood) {
         const now = performance.now();
-        if (!follow) missed += passing.length;
-        else if (now - flooded > FLOOD_PAUSE) {
+        if (now - flooded > FLOOD_PAUSE) {
           flooded = now;
           show(FLOOD_ROWS);
         }
         // When the flood is over, all rows come back.
         clearTimeout(settled);
-        settled = setTimeout(() => follows() && show(), 3 * FLOOD_PAUSE);
+        settled = setTimeout(() => atEnd && !isOpen() && show(), 3 * FLOOD_PAUSE);
       } else {
+        const height = isOpen() ? rows.offsetHeight : 0;
         rows.append(...fresh, ...passing.slice(-ROWS).map(frame => row(frame, drive)));
-        while (rows.childElementCount > (follow ? ROWS : 2 * ROWS)) rows.firstElementChild.remove();
+        while (rows.childElementCount > ROWS && !height) rows.firstElementChild.remove();
         empty.hidden = true;
-        if (follow) scroller.scrollTop = scroller.scrollHeight;
+        if (height) {
+          scroller.scrollTop -= rows.offsetHeight - height; // an open frame stays where it is
+          ours = scroller.scrollTop;
+        }
       }
-      latest.hidden = follow;
+      latest.hidden = atEnd && missed === 0 && !ours;
       text(latest, missed ? `Newest ↓ ${number(missed)} more` : "Newest ↓");
     },
   };
