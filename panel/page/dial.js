@@ -21,13 +21,13 @@ export function dial(units) {
   }));
   const sweep = svg("path", { class: "sweep" });
   const shaft = svg("g", { class: "shaft" },
-    svg("defs", {}, svg("linearGradient", { id: "steel", x1: 0, y1: 0, x2: 1, y2: 1 }, svg("stop", { offset: 0, class: "steel-light" }), svg("stop", { offset: 1, class: "steel-dark" }))),
-    svg("circle", { r: 66, class: "hub" }),
-    svg("circle", { r: 63, class: "hub-edge" }),
     svg("path", { d: "M-2.5-72 0-80 2.5-72Z M-1.6-72h3.2v30h-3.2z", class: "pointer" }),
     svg("path", { d: "M-13.5-16.6A21.4 21.4 0 1 0 13.5-16.6Z", class: "axle" }));
+  const hub = svg("g", {},
+    svg("defs", {}, svg("linearGradient", { id: "steel", x1: 0, y1: 0, x2: 1, y2: 1 }, svg("stop", { offset: 0, class: "steel-light" }), svg("stop", { offset: 1, class: "steel-dark" }))),
+    svg("circle", { r: 66, class: "hub" }), svg("circle", { r: 63, class: "hub-edge" }));
   const face = svg("svg", { viewBox: "-100 -100 200 200", class: "dial", role: "img", "aria-label": "Motor shaft" },
-    svg("circle", { r: 96, class: "rim" }), ...ticks, shaft, sweep);
+    svg("circle", { r: 96, class: "rim" }), ...ticks, hub, sweep, shaft);
 
   const figure = (name, label, unit) => {
     const value = el("b", { "data-motion": name });

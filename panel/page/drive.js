@@ -4,16 +4,18 @@ import { attr, button, card, el, greyed, text } from "./dom.js";
 import { dial, stepsPerTurn } from "./dial.js";
 import { encoderCard } from "./encoder.js";
 import { face } from "./face.js";
+import { countOf } from "./history.js";
 import { lineCard } from "./line.js";
 import { plotCard } from "./plot.js";
 import { programCard } from "./program.js";
+import { pulsesCard } from "./pulses.js";
 import { registersCard } from "./registers.js";
 import { terminalCard, textPorts } from "./terminal.js";
 import { trafficCard } from "./traffic.js";
 import { number } from "./format.js";
 
 /** What positions and speeds of a kind are in. */
-const unitsOf = kind => (/^(rs|mdrobot)/.test(kind) ? { position: "counts", speed: "counts/s" } : { position: "steps", speed: "steps/s" });
+const unitsOf = kind => (/^(rs|mdrobot|qsb-[ds])/.test(kind) ? { position: "counts", speed: "counts/s" } : { position: "steps", speed: "steps/s" });
 
 export function driveView(app, name) {
   const node = el("article", { class: "drive", "data-drive": name, "aria-label": `Drive ${name}` });
@@ -30,17 +32,19 @@ export function driveView(app, name) {
     const front = face(app, name, kind, state);
     const faults = Object.keys(state.faults ?? {}).length ? faultsCard(app, name) : null;
     const encoder = kind.encoders.length ? encoderCard(app, name) : null;
+    const pulses = pulsesCard(app, name, kind, state.pins);
     const program = programCard(app, kind);
     const terminals = textPorts(kind).map(port => terminalCard(app, name, kind, port));
     const lines = Object.entries(store.state.buses ?? {}).filter(([, bus]) => bus.drives.includes(name)).map(([bus]) => lineCard(app, bus));
     const shaft = kind.axes.length ? dial(units) : null;
     const statistics = statisticsCard(app);
-    const motion = shaft ? el("div", { class: "motion" }, card("Motor", { class: "motor-card" }, null, shaft.node), plot.node) : null;
+    const motion = shaft ? el("div", { class: "motion" }, card("Motor", { class: "motor-card" }, null, shaft.node), plot.node)
+      : countOf(state) !== undefined ? el("div", { class: "motion alone" }, plot.node) : null;
     const limits = kind.not_modelled.length ? el("details", { class: "card limits" }, el("summary", {}, `Not modelled (${kind.not_modelled.length})`), el("ul", {}, kind.not_modelled.map(line => el("li", {}, line)))) : null;
     node.replaceChildren(head.node,
       el("div", { class: "columns" },
         el("div", { class: "screens" }, motion, traffic.node, terminals.map(terminal => terminal.node), program.node, registers.node),
-        el("div", { class: "controls" }, front.node, encoder?.node, faults?.node, lines.map(line => line.node), statistics.node, limits)));
+        el("div", { class: "controls" }, front.node, encoder?.node, pulses?.node, faults?.node, lines.map(line => line.node), statistics.node, limits)));
     parts = { head, traffic, registers, front, faults, program, terminals, lines, shaft, statistics };
     update({ changes: {}, traffic: waiting, leftOut: 0, whole: true });
   };
@@ -58,21 +62,23 @@ export function driveView(app, name) {
     }
     const state = store.state.drive;
     if (!state) return;
+    attr(node, "data-state", state.powered ? "on" : "off");
     for (const part of [parts.head, parts.traffic, parts.registers, parts.front, parts.faults, parts.program, parts.statistics, ...parts.lines]) part?.update(news);
     for (const frame of news.traffic) {
       if (frame.verdict !== "refused") continue;
       parts.registers.refused(frame);
       plot.mark(frame);
     }
-    if (parts.shaft && (news.whole || news.changes.drive?.motion || news.changes.motors || news.changes.time)) {
+    if (parts.shaft && (news.whole || news.changes.drive?.motion || news.changes.motors)) {
       const motor = Object.values(store.state.motors ?? {}).find(motor => motor.drive === name);
-      if (news.whole || news.changes.drive?.motion || news.changes.motors) parts.shaft.update(state.motion, motor, stepsPerTurn(state.kind, state.registers));
-      plot.drawn();
+      parts.shaft.update(state.motion, motor, stepsPerTurn(state.kind, state.registers));
     }
+    if (news.whole || news.changes.time) plot.draw();
   };
 
   return {
     node,
+    kind: store.state.drive.kind,
     update,
     close() {
       closed = true;

@@ -123,7 +123,7 @@ function makeRow(name, index, all) {
   const lamp = el("span", { class: "lamp", "aria-hidden": "true" });
   const kind = el("span", { class: "kind" });
   const refused = el("span", { class: "badge", hidden: true });
-  const link = el("a", { href: `#/${encodeURIComponent(name)}` }, lamp, el("span", { class: "name" }, name), kind, refused);
+  const link = el("a", { href: `#/${encodeURIComponent(name)}` }, lamp, el("span", { class: "name" }, name), " ", kind, " ", refused);
   const node = el("li", { "data-listed": name, "aria-setsize": all, "aria-posinset": index + 1 }, link);
   node.style.transform = `translateY(${index * ROW}px)`;
   return { node, link, lamp, kind, refused, index };

@@ -16,7 +16,7 @@ export function encoderCard(app, drive) {
   const wheel = svg("svg", {
     viewBox: "-50 -50 100 100", class: "wheel", tabindex: 0, role: "slider", "aria-label": "Encoder wheel", "aria-valuenow": 0, "aria-valuemin": -1e6, "aria-valuemax": 1e6,
   }, knob);
-  const shown = el("output", { class: "turned" }, "0 counts");
+  const shown = el("span", { class: "turned" }, "0 counts");
 
   const turn = counts => {
     waiting += counts;

@@ -61,7 +61,7 @@ const QSB = {
   leds: {},
   connectors: [
     { name: "Encoder", title: "", contacts: [[null, "A", "A"], [null, "B", "B"], [null, "Index", "I"], [null, "PWM, on A", "PWM"], [null, "Analog, on A", "ANALOG"]] },
-    { name: "Digital I/O", title: "Motor drive: 1 step, 2 direction", contacts: [[0, "I/O bit 0", "DIO0"], [1, "I/O bit 1", "DIO1"], [2, "I/O bit 2", "DIO2"], [3, "I/O bit 3", "DIO3"]] },
+    { name: "Digital I/O", title: "", contacts: [[0, "I/O bit 0", "DIO0"], [1, "I/O bit 1 · step", "DIO1"], [2, "I/O bit 2 · direction", "DIO2"], [3, "I/O bit 3", "DIO3"]] },
     { name: "USB", title: "Serial port", contacts: [] },
   ],
 };

@@ -16,6 +16,7 @@ export function meaning(fields, value) {
     const range = rangeOf(field), part = partOf(value, range);
     const word = field.values?.[part];
     if (range.isBit && !word) return part ? [field.name] : [];
+    if (!field.name) return word ? [word] : []; // the register as a whole
     return [`${field.name}: ${word ?? part}`];
   }).join(" · ");
 }
@@ -26,7 +27,8 @@ export function fieldList(name, fields, onChange) {
   const rows = fields.map(field => {
     const range = rangeOf(field);
     const set = part => onChange(value + (part - partOf(value, range)) * 2 ** range.low);
-    const label = `${name}, ${field.name}`;
+    const title = field.name || "value";
+    const label = `${name}, ${title}`;
     const words = Object.entries(field.values ?? {});
     let control, show;
     if (words.length) {
@@ -49,7 +51,7 @@ export function fieldList(name, fields, onChange) {
         if (document.activeElement !== control) control.value = part;
       };
     }
-    return { node: el("div", { "data-field": field.name }, el("dt", {}, el("code", {}, field.bits), ` ${field.name}`), el("dd", {}, control)), show: () => show(partOf(value, range)) };
+    return { node: el("div", { "data-field": title }, el("dt", {}, el("code", {}, field.bits), ` ${title}`), el("dd", {}, control)), show: () => show(partOf(value, range)) };
   });
   return {
     node: el("dl", { class: "fields" }, rows.map(row => row.node)),

@@ -85,6 +85,9 @@ export class Samples {
   }
 }
 
+/** The count of the encoder of a drive, undefined if no register has it. */
+export const countOf = drive => drive.registers.ReadEncoder;
+
 /** The samples of the drives that were shown, and on a small bench of all. */
 export class Histories {
   kept = new Map();
@@ -99,12 +102,17 @@ export class Histories {
   }
 
   /** Takes a sample of each drive. */
-  take({ time, drives = {} }, whole) {
+  take({ time, drives = {}, drive: shown }, whole) {
     if (!time) return;
     if (whole && Object.keys(drives).length <= MOST) Object.keys(drives).forEach(name => this.of(name));
     for (const [name, samples] of this.kept) {
       const drive = drives[name];
       if (drive?.position !== undefined) samples.push(time.seconds, drive.position, drive.speed);
+      else if (shown?.name === name && countOf(shown) !== undefined) {
+        // An adapter without a motor has an encoder: its speed is that since the sample before.
+        const seconds = time.seconds - samples.end;
+        if (seconds > 0) samples.push(time.seconds, countOf(shown), samples.count ? (countOf(shown) - samples.value(samples.end).position) / seconds : 0);
+      }
     }
   }
 }

@@ -79,7 +79,8 @@ async function download(format) {
 }
 
 function terminal(drive, port, onText, onState) {
-  const source = new EventSource(`api/drives/${encodeURIComponent(drive)}/ports/${port}/terminal`);
+  const path = `api/drives/${encodeURIComponent(drive)}/ports/${port}/terminal`;
+  const source = new EventSource(path);
   let id = null;
   source.addEventListener("open", event => {
     if (!event.data) return; // the connection itself; the server's event `open` has the number of the client
@@ -87,10 +88,11 @@ function terminal(drive, port, onText, onState) {
     onState(true);
   });
   source.addEventListener("text", event => onText(JSON.parse(event.data).text));
-  source.addEventListener("error", () => {
+  source.addEventListener("error", async () => {
     source.close();
-    onState(id === null ? "The port cannot be opened." : "The port has closed the connection.");
+    const wasOpen = id !== null;
     id = null;
+    onState(wasOpen ? "The port has closed the connection." : (await refusalOf(path))?.detail ?? "The port cannot be opened.");
   });
   return {
     send: text => (id === null ? { ok: false, body: { detail: "The terminal is not connected." } }

@@ -22,13 +22,14 @@ export function lineCard(app, name, attributes = {}) {
   const send = async change => {
     const faults = { ...bus()?.faults, ...change };
     const body = Object.fromEntries(Object.entries(faults).filter(([key, value]) =>
-      key === "exception_code" ? faults.exception : value !== 0 && value !== false && value !== null));
+      key !== "exception_code" && value !== 0 && value !== false && value !== null));
+    if (faults.exception) body.exception_code = Number(code.value);
     await app.act("PUT", `buses/${encodeURIComponent(name)}/faults`, body);
   };
 
   const slider = (key, label, most, words, toValue, toStep) => {
     const input = el("input", { type: "range", min: 0, max: most, value: 0, "aria-label": label, "data-line-fault": key });
-    const shown = el("output", {});
+    const shown = el("span", { class: "shown" });
     const show = value => {
       text(shown, words(value));
       attr(input, "aria-valuetext", words(value));
@@ -55,14 +56,14 @@ export function lineCard(app, name, attributes = {}) {
   const sliders = RATES.filter(([, , only]) => !only || isTcp).map(([key, label]) => slider(key, label, STEPS, value => (value ? percent(value) : "off"), rateAt, stepOf));
   sliders.push(slider("delay_ms", "Delay answers", MOST_DELAY, value => (value ? `${number(value)} ms` : "off"), value => value, value => Math.min(MOST_DELAY, value)));
   const mute = button("Mute", { class: "toggle", role: "switch", "aria-checked": false, title: "No answer is delivered" }, () => send({ mute: !bus()?.faults.mute }));
-  const code = el("input", { type: "number", min: 1, max: 255, value: 4, class: "tiny", "aria-label": "Code of the exception" });
-  code.addEventListener("change", () => send({ exception_code: Number(code.value) }));
+  const code = el("input", { type: "number", min: 1, max: 255, value: 4, class: "tiny", "aria-label": "Exception: code" });
+  code.addEventListener("change", () => bus()?.faults.exception && send({}));
   const baud = el("select", { "aria-label": "Baud rate of the master" }, el("option", { value: "" }, "as the drive"),
     [1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400].map(rate => el("option", { value: rate }, `${rate} baud`)));
   baud.addEventListener("change", () => send({ baud: baud.value === "" ? null : Number(baud.value) }));
   const none = button("No faults", { class: "ghost", "data-action": "line-clear" }, () => app.act("PUT", `buses/${encodeURIComponent(name)}/faults`, {}));
   const controls = el("div", { class: "sliders" }, sliders);
-  const more = el("div", { class: "row" }, mute, el("label", {}, "Code ", code), isTcp ? null : el("label", {}, "Master's rate ", baud));
+  const more = el("div", { class: "row" }, mute, el("label", {}, "Exception ", code), isTcp ? null : el("label", {}, "Master's rate ", baud));
   const body = el("div", { class: "line-body" }, controls, more);
   const node = card(`Line ${name}`, { class: "line", "data-bus": name, ...attributes }, el("div", { class: "tools" }, none), info, body);
 
@@ -74,8 +75,10 @@ export function lineCard(app, name, attributes = {}) {
       text(info, `${now.line ?? "TCP"} · ${now.listen.join(" · ") || "no listening address"}${now.strict ? " · strict" : ""}${now.early_requests ? ` · ${number(now.early_requests)} too early` : ""}`);
       rows.forEach(draw => draw(now.faults));
       attr(mute, "aria-checked", now.faults.mute === true);
-      if (document.activeElement !== code) code.value = now.faults.exception_code ?? 4;
-      if (document.activeElement !== baud) baud.value = now.faults.baud ?? "";
+      if (document.activeElement !== code && now.faults.exception) code.value = now.faults.exception_code;
+      const rate = now.faults.baud ?? "";
+      if (![...baud.options].some(option => option.value === String(rate))) baud.append(el("option", { value: rate }, `${rate} baud`));
+      if (document.activeElement !== baud) baud.value = rate;
       greyed(body, app.cannot("line_faults"));
     },
   };

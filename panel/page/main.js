@@ -88,7 +88,12 @@ function onUpdate(update, whole) {
   store.take(update, whole);
   countRefusals(update);
   app.histories.take(store.state, whole);
-  if (whole && !view && !missing) open();
+  // A board may become a drive of another kind.
+  if (view && update.state?.drive?.kind && view.kind !== store.state.drive.kind) {
+    view.close();
+    view = null;
+  }
+  if (!view && !missing && (whole || update.state?.drive)) open();
   if (!frame) frame = requestAnimationFrame(draw);
 }
 
@@ -99,7 +104,7 @@ function countRefusals(update) {
     return refusals.get(name);
   };
   for (const { drive, number, verdict } of update.traffic ?? []) {
-    if (!drive || number <= of(drive).last) continue; // seen already: after a reconnection the latest ones come again
+    if (!drive || number === undefined || number <= of(drive).last) continue; // seen already: after a reconnection the latest ones come again
     of(drive).last = number;
     if (verdict === "refused") of(drive).count++;
   }

@@ -12,7 +12,7 @@ export function contact(app, drive, { number, label, pin, role }) {
   if (!pin) return { node: el("li", { class: "wired" }, place, dot, words) };
 
   const path = `drives/${encodeURIComponent(drive)}/pins/${encodeURIComponent(pin)}`;
-  const level = el("output", { class: "level", "aria-label": `Level of ${pin}` });
+  const level = el("span", { class: "level" });
   const isInput = /input/.test(role), isAnalogue = /analogue/.test(role) && /^(ANALOG|SPEED)/.test(pin);
   const buttons = !isInput ? [] : ["low", "high", "open"].map(name =>
     button(name, { "data-set": name, "aria-label": `${pin} ${name}` }, () => app.act("PUT", path, { level: name })));
@@ -33,7 +33,7 @@ export function contact(app, drive, { number, label, pin, role }) {
 /** A voltage, and for inputs that measure one a current. */
 function analogue(app, pin, path, hasCurrent) {
   const range = el("input", { type: "range", min: 0, max: hasCurrent ? 10 : 5, step: 0.05, value: 0, "aria-label": `Voltage at ${pin}` });
-  const shown = el("output", {}, "– V");
+  const shown = el("span", { class: "shown" }, "– V");
   const set = body => app.act("PUT", path, body);
   range.addEventListener("input", () => text(shown, `${Number(range.value).toFixed(2)} V`));
   range.addEventListener("change", () => set({ volts: Number(range.value) }));

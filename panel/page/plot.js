@@ -19,7 +19,7 @@ export function plotCard(units, samples) {
       "Position and speed over time. Left and right move the cursor, plus and minus zoom, space pauses, End shows the present.",
   });
   const context = canvas.getContext("2d");
-  const readout = el("output", { class: "readout", "aria-live": "off" });
+  const readout = el("p", { class: "readout", "aria-live": "off" });
   const spans = SPANS.map(seconds => button(seconds < 60 ? `${seconds} s` : `${seconds / 60} min`, { "aria-pressed": seconds === span }, () => zoomTo(seconds)));
   const pause = button("Pause", { class: "toggle", "data-action": "plot-pause", "aria-pressed": false }, () => hold(end === null));
   const legend = el("div", { class: "legend", "aria-hidden": "true" }, el("span", { class: "of-position" }, "position"), el("span", { class: "of-speed" }, "speed"));
@@ -149,7 +149,9 @@ export function plotCard(units, samples) {
 
   /** The time axis: distances from the present, or bench time while the plot is held. */
   const drawTimes = bottom => {
-    const step = nice(span / Math.max(2, Math.min(8, (width - LEFT - RIGHT) / 90)));
+    const least = span / Math.max(2, Math.min(8, (width - LEFT - RIGHT) / 90));
+    const inMinutes = span > 100;
+    const step = inMinutes ? [15, 30, 60, 120, 300, 600, 1800, 3600].find(step => step >= least) ?? 3600 * nice(least / 3600) : nice(least);
     const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
     context.textBaseline = "top";
     context.textAlign = "center";
@@ -158,7 +160,7 @@ export function plotCard(units, samples) {
     for (let offset = first; offset >= -span - 1e-9; offset -= step) {
       const x = Math.round(xAt(right() + offset)) + 0.5;
       rule(x, TOP, x, bottom);
-      const label = end !== null ? clock(Math.max(0, from + offset), digits) : offset === 0 ? "now" : `${number(offset, digits)} s`;
+      const label = end !== null ? clock(Math.max(0, from + offset), digits) : offset === 0 ? "now" : inMinutes ? `${number(offset / 60, step >= 60 ? 0 : step === 30 ? 1 : 2)} min` : `${number(offset, digits)} s`;
       context.fillStyle = colors.muted;
       context.textAlign = x > width - RIGHT - 20 ? "right" : x < LEFT + 16 ? "left" : "center";
       context.fillText(label, x, bottom + 8);
@@ -303,7 +305,7 @@ export function plotCard(units, samples) {
       marks.push({ at: frame.at, text: `${frame.text}: ${frame.outcome}` });
       if (marks.length > MARKS) marks.shift();
     },
-    drawn: draw,
+    draw,
     close() {
       observer.disconnect();
       removeEventListener("theme", readColors);

@@ -46,6 +46,16 @@ export function registersCard(app, drive, kind) {
     rows.set(register.name, row);
     list.append(row.node);
   }
+  // One stop of the Tab key for the whole table; the arrow keys go from row to row.
+  let current = null;
+  const stopAt = row => {
+    if (current === row) return;
+    if (current) current.input.tabIndex = -1;
+    current = row;
+    if (row) row.input.tabIndex = 0;
+  };
+  stopAt(rows.values().next().value);
+  list.addEventListener("focusin", event => stopAt(rows.get(event.target.closest(".register").dataset.register)));
   const sift = () => {
     let shown = 0;
     for (const row of rows.values()) {
@@ -53,6 +63,7 @@ export function registersCard(app, drive, kind) {
       row.node.hidden = !fits;
       shown += fits;
     }
+    if (current?.node.hidden) stopAt([...rows.values()].find(row => !row.node.hidden) ?? current);
     none.hidden = shown > 0;
     text(none, only === "refused" && words === "" ? "No message about a register was refused." : only === "changed" && words === ""
       ? "No register has changed since this page was opened." : "No register passes the filter.");
@@ -103,14 +114,14 @@ function makeRow(app, drive, register, asHex) {
   const { name, address, space, type, access, doc, section } = register;
   const digits = BITS[type] ?? 4;
   let value, edited = false;
-  const input = el("input", { "data-edit": name, "aria-label": name, inputmode: "text", autocomplete: "off", spellcheck: "false", disabled: access === "-" });
+  const input = el("input", { "data-edit": name, "aria-label": name, inputmode: "text", autocomplete: "off", spellcheck: "false", tabindex: -1, title: "Enter writes, Escape gives up, Alt and down shows the fields", disabled: access === "-" });
   const hasFields = register.fields?.length > 0;
   const means = el("p", { class: "meaning" });
   const parts = [hasFields ? fieldList(name, register.fields, next => write(next)) : null, digits > 1 ? bitList(digits) : null].filter(Boolean);
   const error = el("p", { class: "error", role: "alert", hidden: true });
   const refusal = el("p", { class: "refusal", hidden: true });
   const more = el("div", { class: "register-more", id: `more-${name}`, hidden: true });
-  const title = button([el("span", { class: "name" }, breakable(name))], { class: "register-name", "aria-expanded": false, "aria-controls": `more-${name}` }, () => {
+  const title = button([el("span", { class: "name" }, breakable(name))], { class: "register-name", "aria-expanded": false, tabindex: -1, "aria-controls": `more-${name}` }, () => {
     const open = more.hidden;
     if (open && !more.childElementCount) explain();
     more.hidden = !open;
@@ -130,7 +141,7 @@ function makeRow(app, drive, register, asHex) {
     return value === undefined ? "" : Array.isArray(value) ? value.map(one).join(", ") : one(value);
   };
   const row = {
-    node, changed: false, refused: false,
+    node, input, changed: false, refused: false,
     words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
     draw() {
       if (!edited) input.value = shown();
@@ -192,10 +203,11 @@ function makeRow(app, drive, register, asHex) {
       fail(null);
       revert();
     }
+    if (event.altKey && event.key === "ArrowDown") return title.click();
     if (event.key === "ArrowDown" || event.key === "ArrowUp") {
       event.preventDefault();
       let other = node;
-      do other = event.key === "ArrowDown" ? other.nextElementSibling : other.previousElementSibling; while (other?.hidden);
+      do other = event.key === "ArrowDown" ? other.nextElementSibling : other.previousElementSibling; while (other && (other.hidden || other.querySelector("input").disabled));
       other?.querySelector("input").focus();
     }
   });

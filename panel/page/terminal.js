@@ -14,7 +14,7 @@ export function terminalCard(app, drive, kind, port) {
   const hint = isMcode ? "PR P" : "R0E";
   const input = el("input", { placeholder: `for example ${hint}`, "aria-label": `Text to ${port}`, autocomplete: "off", spellcheck: "false", autocapitalize: "characters" });
   const send = button("Send", { class: "primary", "data-action": "terminal-send" }, () => say(`${input.value}\r`));
-  const stop = button(isMcode ? "Esc" : "Stop", { class: "ghost", title: isMcode ? "Escape: stops motion and program" : "Sends an empty command" }, () => say(isMcode ? "\x1b" : "\r", false));
+  const stop = button("Esc", { class: "ghost", hidden: !isMcode, title: "Escape: stops motion and program" }, () => say("\x1b", false));
   const connect = button("Connect", { "data-action": "terminal" }, () => (session ? close() : open()));
   const state = el("span", { class: "hint" });
   const form = el("div", { class: "row prompt" }, input, send, stop);

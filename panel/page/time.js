@@ -4,7 +4,7 @@ import { attr, button, el, greyed, text } from "./dom.js";
 import { clock } from "./format.js";
 
 export function timeControl(app, node) {
-  const now = el("output", { class: "clock", "data-time": "", "aria-label": "Bench time" });
+  const now = el("span", { class: "clock", "data-time": "", role: "timer", "aria-label": "Bench time" });
   const factor = el("input", { type: "number", min: 1, max: 1000, step: 1, value: 10, class: "tiny", "aria-label": "Times faster than real time" });
   const set = mode => app.act("PUT", "time", { mode });
   const faster = () => set(`x${Math.round(Number(factor.value)) || 1}`);

@@ -7,6 +7,9 @@ import { clock, duration, number } from "./format.js";
 const KEPT = 1000; // frames
 const KEPT_TROUBLE = 300; // frames that were not done, kept also when many others follow
 const ROWS = 300; // rows in the document
+const FLOOD = 12; // frames at a time from which on only the newest rows are drawn, seven times per second
+const FLOOD_ROWS = 20;
+const FLOOD_PAUSE = 140; // milliseconds
 
 const FILTERS = [
   ["all", "All", () => true],
@@ -23,7 +26,7 @@ const VERDICTS = {
 export function trafficCard(app, { drive = null } = {}) {
   const all = [], trouble = [];
   const before = new Map(); // time of the last message, by port
-  let filter = FILTERS[0], words = "", refused = 0, total = 0, lastNumber = 0, lastAt = 0;
+  let filter = FILTERS[0], words = "", refused = 0, total = 0, lastNumber = 0, lastSent = -1, lastAt = 0;
 
   const chips = FILTERS.map(entry => button(entry[1], { "data-filter": entry[0], "aria-pressed": entry === filter }, () => choose(entry)));
   const search = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter messages by text", class: "filter", autocomplete: "off", spellcheck: "false" });
@@ -33,10 +36,8 @@ export function trafficCard(app, { drive = null } = {}) {
   });
   const rows = el("ol", { class: "frames" });
   const empty = el("p", { class: "empty" });
-  const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last" }, empty, rows);
-  const latest = button("Newest ↓", { class: "latest", hidden: true }, () => {
-    scroller.scrollTop = scroller.scrollHeight;
-  });
+  const scroller = el("div", { class: "frames-scroll", tabindex: "0", role: "region", "aria-label": "Messages, newest last; the arrow keys go through them" }, el("div", {}, empty, rows));
+  const latest = button("Newest ↓", { class: "latest", hidden: true }, () => show());
   const head = el("div", { class: "tools" }, el("div", { class: "segments", role: "group", "aria-label": "Which messages" }, chips), search, clear);
   const node = card("Traffic", { class: `traffic ${drive ? "" : "of-all"}`, id: "traffic" }, head, el("div", { class: "frames-box" }, scroller, latest));
 
@@ -51,23 +52,50 @@ export function trafficCard(app, { drive = null } = {}) {
     words = search.value.trim().toLowerCase();
     show();
   });
-  const atEnd = () => scroller.scrollTop + scroller.clientHeight >= scroller.scrollHeight - 30;
+  // The list keeps its end in sight by itself: panel.css reverses its direction, so that its end is at scroll offset 0. Nothing
+  // here asks for a height, which would cost a layout for each update.
+  let missed = 0, flooded = 0, settled = 0; // frames that are not drawn while one reads; time of the last flood that was drawn
+  let atEnd = true, ours = 0; // `ours` is the offset that an open frame was given below
+  const isOpen = () => rows.querySelector(".frame-details") !== null;
   scroller.addEventListener("scroll", () => {
-    latest.hidden = atEnd();
+    if (ours && scroller.scrollTop === ours) return;
+    atEnd = scroller.scrollTop > -30;
+    if (missed && atEnd && !isOpen()) show();
+    latest.hidden = atEnd;
   }, { passive: true });
 
+  // One stop of the Tab key for the whole list; the arrow keys go from frame to frame.
+  scroller.addEventListener("keydown", event => {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (!step || !rows.childElementCount) return;
+    const here = event.target.closest("[data-traffic]");
+    let next = here ?? rows.lastElementChild;
+    if (here) do next = step > 0 ? next.nextElementSibling : next.previousElementSibling; while (next && !next.dataset.traffic);
+    if (!next) return;
+    event.preventDefault();
+    next.querySelector("button").focus();
+  });
+
   /** Draws the list anew, after another filter. */
-  const show = () => {
+  const show = (most = ROWS) => {
     const source = filter === FILTERS[0] ? all : trouble;
-    rows.replaceChildren(...source.filter(passes).slice(-ROWS).map(frame => row(frame, drive)));
+    missed = 0;
+    latest.hidden = true;
+    rows.replaceChildren(...source.filter(passes).slice(-most).map(frame => row(frame, drive)));
     empty.hidden = rows.childElementCount > 0;
     if (total) text(empty, "No message passes the filter.");
-    scroller.scrollTop = scroller.scrollHeight;
+    if (!atEnd || ours) scroller.scrollTop = 0;
+    atEnd = true;
+    ours = 0;
   };
 
   const note = () => {
     const reason = app.cannot("traffic");
-    if (!total) text(empty, reason ? `No messages are shown: ${reason}.` : (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet."));
+    if (total) return;
+    if (reason) return text(empty, `No messages are shown: ${reason}.`);
+    const lines = Object.values(app.store.state.buses ?? {}).filter(bus => !drive || bus.drives.includes(drive)).slice(0, 3);
+    const places = lines.filter(bus => bus.listen.length).map(bus => bus.listen.join(" or ") + (bus.line ? ` with ${bus.line}` : ""));
+    text(empty, (drive ? `No message has come to ${drive} yet.` : "No master has sent anything yet.") + (drive && places.length ? ` A master reaches it at ${places.join(" and ")}.` : ""));
   };
 
   return {
@@ -76,11 +104,13 @@ export function trafficCard(app, { drive = null } = {}) {
       if (whole || changes.cannot !== undefined) note();
       if (whole && (app.store.state.time?.seconds ?? 0) < lastAt) {
         all.length = trouble.length = refused = lastNumber = lastAt = 0; // another bench
+        lastSent = -1;
         before.clear();
         show();
       }
       // After a reconnection the latest messages come again.
-      const traffic = news.filter(frame => frame.number > lastNumber);
+      const known = whole ? lastSent : -1;
+      const traffic = news.filter(frame => (frame.sent ? frame.at > known : frame.number > lastNumber));
       if (whole && total) leftOut = 0;
       if (!traffic.length && !leftOut) return;
       const fresh = [];
@@ -91,7 +121,8 @@ export function trafficCard(app, { drive = null } = {}) {
         const earlier = before.get(line);
         frame.gap = earlier === undefined ? null : Math.max(0, frame.at - earlier);
         before.set(line, frame.at);
-        lastNumber = frame.number;
+        if (frame.sent) lastSent = frame.at;
+        else lastNumber = frame.number;
         lastAt = Math.max(lastAt, frame.at);
         all.push(frame);
         if (frame.verdict !== "done") trouble.push(frame);
@@ -99,18 +130,40 @@ export function trafficCard(app, { drive = null } = {}) {
       }
       if (all.length > KEPT) all.splice(0, all.length - KEPT);
       if (trouble.length > KEPT_TROUBLE) trouble.splice(0, trouble.length - KEPT_TROUBLE);
-      fresh.push(...traffic.slice(-ROWS).filter(passes).map(frame => row(frame, drive)));
       if (refused) {
         text(chips[1], `Refused ${refused}`);
         chips[1].classList.add("has-refused");
       }
-      if (!fresh.length) return;
-      const follow = atEnd();
-      rows.append(...fresh);
-      while (rows.childElementCount > (follow ? ROWS : 2 * ROWS)) rows.firstElementChild.remove();
-      empty.hidden = true;
-      if (follow) scroller.scrollTop = scroller.scrollHeight;
-      else latest.hidden = false;
+      const passing = traffic.filter(passes);
+      if (!passing.length && !fresh.length) return;
+      if (ours && !isOpen()) {
+        atEnd = scroller.scrollTop > -30;
+        ours = 0;
+      }
+      const isFlood = passing.length > FLOOD && total > passing.length;
+      if (!atEnd || ((isFlood || rows.childElementCount > 2 * ROWS) && isOpen())) {
+        missed += passing.length; // who reads older frames shall not lose their place
+      } else if (isFlood) {
+        const now = performance.now();
+        if (now - flooded > FLOOD_PAUSE) {
+          flooded = now;
+          show(FLOOD_ROWS);
+        }
+        // When the flood is over, all rows come back.
+        clearTimeout(settled);
+        settled = setTimeout(() => atEnd && !isOpen() && show(), 3 * FLOOD_PAUSE);
+      } else {
+        const height = isOpen() ? rows.offsetHeight : 0;
+        rows.append(...fresh, ...passing.slice(-ROWS).map(frame => row(frame, drive)));
+        while (rows.childElementCount > ROWS && !height) rows.firstElementChild.remove();
+        empty.hidden = true;
+        if (height) {
+          scroller.scrollTop -= rows.offsetHeight - height; // an open frame stays where it is
+          ours = scroller.scrollTop;
+        }
+      }
+      latest.hidden = atEnd && missed === 0 && !ours;
+      text(latest, missed ? `Newest ↓ ${number(missed)} more` : "Newest ↓");
     },
   };
 }
@@ -118,7 +171,7 @@ export function trafficCard(app, { drive = null } = {}) {
 function row(frame, ofDrive) {
   const isRead = frame.verdict === "done" && frame.text.startsWith("read ") && / = /.test(frame.outcome);
   const said = isRead ? `read ${frame.outcome}` : frame.text;
-  const outcome = isRead || !frame.outcome || frame.outcome === "done" ? null : frame.outcome;
+  const outcome = isRead || frame.sent || !frame.outcome || frame.outcome === "done" ? null : frame.outcome;
   const verdict = VERDICTS[frame.verdict];
   const line = button([
     el("span", { class: "at" }, clock(frame.at)),
@@ -128,13 +181,13 @@ function row(frame, ofDrive) {
       el("span", { class: "said" }, frame.sent ? el("span", { class: "way", title: "sent by the drive itself" }, "← ") : null, said),
       outcome ? el("span", { class: "outcome" }, outcome) : null),
     verdict ? el("span", { class: "verdict" }, verdict) : null,
-  ], { class: "frame", "aria-expanded": false }, () => {
+  ], { class: "frame", "aria-expanded": false, tabindex: -1 }, () => {
     const open = line.getAttribute("aria-expanded") !== "true";
     attr(line, "aria-expanded", open);
     if (open) node.append(details(frame));
     else node.lastChild.remove();
   });
-  const node = el("li", { "data-traffic": frame.number, "data-verdict": frame.verdict, "data-at": frame.at, "data-of": frame.drive }, line);
+  const node = el("li", { "data-traffic": frame.number ?? "sent", "data-verdict": frame.verdict, "data-at": frame.at, "data-of": frame.drive }, line);
   return node;
 }
 
