@@ -77,6 +77,8 @@ pub(crate) enum Mode {
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Effect {
     Ask(Ask),
+    /// Draws every cell anew.
+    Redraw,
     Quit,
 }
 
@@ -338,8 +340,13 @@ impl App {
 
     /// Does what a key means.
     pub(crate) fn key(&mut self, key: KeyEvent, now: Duration) -> Vec<Effect> {
-        if keys::action(key, self.focus) == Some(Action::Quit) && key.code == KeyCode::Char('c') {
-            return vec![Effect::Quit];
+        if !key.modifiers.is_empty() {
+            // Keys that mean the same everywhere.
+            match keys::action(key, self.focus) {
+                Some(Action::Quit) => return vec![Effect::Quit],
+                Some(Action::Redraw) => return vec![Effect::Redraw],
+                _ => {}
+            }
         }
         match &mut self.mode {
             Mode::Panes => self.pane_key(key, now),
@@ -446,6 +453,7 @@ impl App {
         let Some(action) = keys::action(key, self.focus) else { return Vec::new() };
         match action {
             Action::Quit => return vec![Effect::Quit],
+            Action::Redraw => return vec![Effect::Redraw],
             Action::Help => self.mode = Mode::Help(0),
             Action::Next | Action::Previous => {
                 let panes: Vec<Pane> = self.panes().collect();

@@ -53,6 +53,7 @@ impl Pane {
 pub(crate) enum Action {
     Quit,
     Help,
+    Redraw,
     Next,
     Previous,
     Up,
@@ -144,14 +145,19 @@ pub(crate) const TABLE: &[Row] = &[
     row(None, &[Char('a')], Action::Advance, "a", "advance manual time"),
     row(None, &[Char('n')], Action::NextEvent, "n", "advance to the next event"),
     row(None, &[Char('?'), KeyCode::F(1)], Action::Help, "?", "this help"),
-    row(None, &[Char('q')], Action::Quit, "q", "end"),
+    row(None, &[], Action::Redraw, "Ctrl-L", "draw the screen anew"),
+    row(None, &[Char('q')], Action::Quit, "q", "end; so does Ctrl-C"),
 ];
 
-/// The action of a key while a pane has the focus. Ctrl-C always ends the view.
+/// The action of a key while a pane has the focus. Ctrl-C always ends the view, and Ctrl-L draws it anew.
 pub(crate) fn action(key: KeyEvent, focus: Pane) -> Option<Action> {
     let held = key.modifiers & (KeyModifiers::CONTROL | KeyModifiers::ALT);
     if !held.is_empty() {
-        return (held == KeyModifiers::CONTROL && key.code == Char('c')).then_some(Action::Quit);
+        return match key.code {
+            Char('c') if held == KeyModifiers::CONTROL => Some(Action::Quit),
+            Char('l') if held == KeyModifiers::CONTROL => Some(Action::Redraw),
+            _ => None,
+        };
     }
     let rows = TABLE.iter().filter(|row| row.pane.is_none_or(|pane| pane == focus));
     rows.filter(|row| row.keys.contains(&key.code)).map(|row| row.action).next()
@@ -192,7 +198,8 @@ mod tests {
     fn control_c_ends_and_other_held_keys_do_nothing() {
         let held = |code, modifiers| action(KeyEvent::new(code, modifiers), Pane::Pins);
         assert_eq!(held(Char('c'), KeyModifiers::CONTROL), Some(Action::Quit));
-        assert_eq!(held(Char('l'), KeyModifiers::CONTROL), None);
+        assert_eq!(held(Char('l'), KeyModifiers::CONTROL), Some(Action::Redraw));
+        assert_eq!(held(Char('h'), KeyModifiers::CONTROL), None);
         assert_eq!(held(Char('q'), KeyModifiers::ALT), None);
     }
 

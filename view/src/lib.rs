@@ -131,13 +131,14 @@ fn run(app: &mut App, screen: &mut Screen, client: &Client, events: &Receiver<Ev
         for effect in effects.drain(..) {
             match effect {
                 Effect::Ask(ask) => client.ask(ask),
+                Effect::Redraw => screen.redraw().map_err(|error| unwritable(&error))?,
                 Effect::Quit => return Ok(()),
             }
         }
         let now = clock.now();
         let Some(terminal) = screen.get() else { return Err("the view has failed".to_owned()) };
         let drawn = terminal.draw(|frame| draw::draw(frame, app, now, has_colours));
-        drawn.map_err(|error| format!("the terminal cannot be written: {error}"))?;
+        drawn.map_err(|error| unwritable(&error))?;
         let first = match app.wake(now) {
             Some(at) => events.recv_timeout(at.saturating_sub(clock.now())),
             None => events.recv().map_err(|_| RecvTimeoutError::Disconnected),
@@ -157,6 +158,10 @@ fn run(app: &mut App, screen: &mut Screen, client: &Client, events: &Receiver<Ev
         }
         effects.extend(app.tick(clock.now()));
     }
+}
+
+fn unwritable(error: &io::Error) -> String {
+    format!("the terminal cannot be written: {error}")
 }
 
 /// Takes an event. Returns `None` if it ends the view.

@@ -14,6 +14,7 @@ use ratatui::crossterm::terminal::{
     EnterAlternateScreen, LeaveAlternateScreen, disable_raw_mode, enable_raw_mode,
 };
 use ratatui::crossterm::{execute, queue};
+use ratatui::layout::{Position, Rect};
 
 /// True while the view has the terminal.
 static IS_TAKEN: AtomicBool = AtomicBool::new(false);
@@ -39,14 +40,21 @@ impl Screen {
             enable_raw_mode()?;
             IS_TAKEN.store(true, Ordering::SeqCst);
             execute!(io::stdout(), EnterAlternateScreen, EnableBracketedPaste)?;
-            let mut terminal = Terminal::new(CrosstermBackend::new(io::stdout()))?;
-            terminal.clear()?;
-            Ok(Self(terminal))
+            let mut screen = Self(Terminal::new(CrosstermBackend::new(io::stdout()))?);
+            screen.redraw()?;
+            Ok(screen)
         };
         taken().map_err(|error| {
             restore();
             format!("the terminal cannot be used: {error}")
         })
+    }
+
+    /// Clears the screen, so that the next drawing is whole. Nothing is asked of the terminal: over a slow line the answer
+    /// may come too late.
+    pub(crate) fn redraw(&mut self) -> io::Result<()> {
+        let size = self.0.size()?;
+        self.0.resize(Rect::from((Position::ORIGIN, size)))
     }
 
     /// The terminal to draw on; `None` after a panic, which has given it back.

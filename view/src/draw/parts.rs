@@ -72,6 +72,9 @@ pub(super) fn rows<'a>(
 
 /// A line that is not wider than this; an ellipsis is at the end of a cut one.
 pub(super) fn fit(line: Line<'_>, width: usize) -> Line<'_> {
+    if width == 0 {
+        return Line::default();
+    }
     if line.width() <= width {
         return line;
     }
@@ -111,9 +114,9 @@ impl Part {
 }
 
 /// The greatest width of some texts, at most a limit, for a column of them.
-pub(super) fn widest<'a>(texts: impl Iterator<Item = &'a str>, limit: u16) -> Constraint {
+pub(super) fn widest<'a>(texts: impl Iterator<Item = &'a str>, limit: u16) -> u16 {
     let width = texts.map(|text| Span::raw(text).width()).max().unwrap_or(0);
-    Constraint::Length(u16::try_from(width).unwrap_or(limit).min(limit))
+    u16::try_from(width).unwrap_or(limit).min(limit)
 }
 
 /// Words of a text in lines of this width, at most so many.
@@ -193,7 +196,7 @@ mod tests {
         assert_eq!(text(14), "Prüfstand 東京");
         assert_eq!(text(13), "Prüfstand 東…");
         assert_eq!(text(12), "Prüfstand …");
-        assert_eq!((text(1), text(0)), ("…".to_owned(), "…".to_owned()));
+        assert_eq!((text(1), text(0)), ("…".to_owned(), String::new()));
         let two = Line::from(vec![Span::raw("abc"), Span::styled("def", style::BAD)]);
         assert_eq!(fit(two, 5).to_string(), "abcd…");
     }

@@ -14,7 +14,7 @@ pub(super) fn draw(frame: &mut Frame, area: Rect, app: &App) {
     let inside = parts::pane(frame, area, app, Pane::Pins, "");
     let chosen = app.row(Pane::Pins, pins.len());
     let name = parts::widest(pins.iter().map(|pin| pin.name), inside.width / 2);
-    let widths = [name, Constraint::Length(6), Constraint::Fill(1)];
+    let widths = [Constraint::Length(name), Constraint::Length(6), Constraint::Fill(1)];
     parts::rows(frame, inside, &widths, pins.len(), Part::around_or_first(app, Pane::Pins, chosen), |row| {
         let pin = &pins[row];
         let level = match pin.level {

@@ -16,6 +16,12 @@ use crate::keys::Pane;
 /// Rows for the meaning of the chosen register.
 const DETAIL: u16 = 4;
 
+/// Columns for the access: `R/W`.
+const ACCESS: u16 = 3;
+
+/// Least number of columns for the text of a register beside it.
+const LEAST_DOC: u16 = 16;
+
 pub(super) fn draw(frame: &mut Frame, area: Rect, app: &App, now: Duration) {
     let registers = app.registers();
     let inside = parts::pane(frame, area, app, Pane::Registers, &format!("{}", registers.len()));
@@ -26,12 +32,11 @@ pub(super) fn draw(frame: &mut Frame, area: Rect, app: &App, now: Duration) {
         if app.is_hexadecimal { hexadecimal(register) } else { value_text(register.value) }
     };
     let values: Vec<String> = registers.iter().map(value).collect();
-    let widths = [
-        parts::widest(registers.iter().map(|register| register.name), list.width / 2),
-        parts::widest(values.iter().map(String::as_str), list.width / 3),
-        Constraint::Length(3),
-        Constraint::Fill(1),
-    ];
+    let name = parts::widest(registers.iter().map(|register| register.name), list.width / 2);
+    let number = parts::widest(values.iter().map(String::as_str), list.width / 3);
+    let left = list.width.saturating_sub(name + number + ACCESS + 3);
+    let doc = if left < LEAST_DOC { 0 } else { left };
+    let widths = [name, number, ACCESS, doc].map(Constraint::Length);
     let part = Part::around_or_first(app, Pane::Registers, chosen);
     parts::rows(frame, list, &widths, registers.len(), part, |row| {
         let register = &registers[row];
@@ -70,7 +75,8 @@ fn facts(register: &Register) -> Vec<Span<'static>> {
     let mut spans = vec![Span::styled(register.name.to_owned(), style::TITLE)];
     let mut add = |text: String| spans.push(Span::styled(text, style::MUTED));
     if let Some(section) = row["section"].as_str() {
-        add(format!("  §{section}"));
+        let sign = if section.starts_with(|c: char| c.is_ascii_digit()) { "§" } else { "" };
+        add(format!("  {sign}{section}"));
     }
     if let Some(address) = row["address"].as_u64() {
         add(format!("  {address:#06x}"));

@@ -10,7 +10,7 @@ use super::{style, text};
 use crate::app::App;
 use crate::keys::Pane;
 
-/// Rows for all of the chosen message.
+/// Rows for the whole of a message.
 const DETAIL: u16 = 4;
 
 /// Least width at which the time since the message before is shown.
@@ -26,7 +26,10 @@ pub(super) fn draw(frame: &mut Frame, area: Rect, app: &App) {
     let title = format!("{errors}{}{left_out}", frames.len());
     let inside = parts::pane(frame, area, app, Pane::Traffic, &title);
     let chosen = app.row(Pane::Traffic, frames.len());
-    let detail = if chosen.is_some() { DETAIL.min(inside.height / 2) } else { 0 };
+    // Without a choice the newest message that was not done is what a person wants to know more about.
+    let newest = || frames.iter().rposition(|message| message["verdict"] != "done");
+    let whole = chosen.or_else(newest).map(|row| frames[row]);
+    let detail = if whole.is_some() { DETAIL.min(inside.height / 2) } else { 0 };
     let [list, below] = Layout::vertical([Constraint::Min(1), Constraint::Length(detail)]).areas(inside);
     let is_wide = list.width >= WIDE;
     let mut widths = vec![Constraint::Length(11), Constraint::Length(1), Constraint::Fill(1)];
@@ -59,7 +62,7 @@ pub(super) fn draw(frame: &mut Frame, area: Rect, app: &App) {
             cells
         },
     );
-    if let Some(message) = chosen.map(|row| frames[row]) {
+    if let Some(message) = whole {
         draw_detail(frame, below, message);
     }
     if frames.is_empty() {
@@ -79,11 +82,12 @@ fn since(seconds: f64) -> String {
     }
 }
 
-/// All of a message: bytes, answer, outcome.
+/// The whole of a message: time, port, bytes, answer, outcome.
 fn draw_detail(frame: &mut Frame, area: Rect, message: &Value) {
     let width = usize::from(area.width);
+    let at = parts::time(message["at"].as_f64().unwrap_or(0.0));
     let mut lines = vec![Line::from(vec![
-        Span::styled(format!("{} ", text(message, "port")), style::MUTED),
+        Span::styled(format!("{at} {} ", text(message, "port")), style::MUTED),
         Span::raw(text(message, "bytes")),
         Span::styled(
             message["answer"].as_str().map(|answer| format!("  answer {answer}")).unwrap_or_default(),

@@ -3,6 +3,7 @@
 mod actions;
 mod screens;
 mod server;
+mod terminal;
 
 use std::time::Duration;
 

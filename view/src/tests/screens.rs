@@ -126,14 +126,15 @@ fn traffic_in_words_with_colours_of_verdicts() {
     assert_eq!(cell_of(&buffer, "done").fg, Color::Green);
     assert_eq!(cell_of(&buffer, "refused: 0x0014").fg, Color::Red);
     assert!(cell_of(&buffer, "not listening:").modifier.contains(Modifier::DIM));
-    // The chosen message is whole.
+    // The newest message that was not done is whole, and so is a chosen one.
+    view.shows(80, 24, &["read Speed: not listening: starting for 1.2 s more"]);
     view.press(KeyCode::Up);
     view.press(KeyCode::Up);
     view.shows(
         80,
         24,
         &[
-            "rs485 010600141F40C1C6  answer 010600141F40C1C6",
+            "1:20.625 rs485 010600141F40C1C6  answer 010600141F40C1C6",
             "write Speed = 90000: refused: 0x0014 Speed is 1 to 40000",
         ],
     );
