@@ -1,5 +1,5 @@
 //! A bench in a terminal: a client of the control API that shows drives, lights, registers, motion and traffic, and
-//! takes keys for pins, faults, power and time.
+//! takes keys for pins, faults, power and time (HOST-26).
 //!
 //! Small machines, each with a state of its own:
 //!

@@ -117,11 +117,10 @@ fn panes(frame: &mut Frame, area: Rect, app: &App, now: Duration) {
         ] {
             body(frame, area, app, pane, now);
         }
-        tabs(frame, Rect { y: face.bottom() - 1, height: 1, ..face }, app);
     } else {
         body(frame, rest, app, app.body(), now);
-        tabs(frame, Rect { y: face.bottom() - 1, height: 1, ..face }, app);
     }
+    tabs(frame, Rect { y: face.bottom() - 1, height: 1, ..face }, app);
 }
 
 /// The names of the panes with their keys.
@@ -230,12 +229,11 @@ fn hints(app: &App) -> Line<'static> {
     if matches!(app.mode, Mode::Help(_)) {
         return Line::from(Span::styled("Up, Down: scroll; another key: back", style::MUTED));
     }
-    let own = TABLE.iter().filter(|row| row.pane == Some(app.focus));
-    let own = own.map(|row| (row.label, row.help.split([':', ';', ',']).next().unwrap_or_default()));
-    let all = [("P", "power"), ("t", "time"), ("/", "search"), ("?", "help"), ("q", "end")];
-    let all = all.into_iter().rev().take(5).rev();
+    let of_pane = TABLE.iter().filter(|row| row.pane == Some(app.focus));
+    let of_pane = of_pane.map(|row| (row.label, row.help.split([':', ';', ',']).next().unwrap_or_default()));
+    let others = [("P", "power"), ("t", "time"), ("/", "search"), ("q", "end")];
     let mut spans = Vec::new();
-    for (key, what) in [("?", "help")].into_iter().chain(own).chain(all.filter(|(key, _)| *key != "?")) {
+    for (key, what) in [("?", "help")].into_iter().chain(of_pane).chain(others) {
         spans.push(Span::styled(key, style::FOCUS));
         spans.push(Span::styled(format!(" {what}  "), style::MUTED));
     }

@@ -270,7 +270,8 @@ fn descriptions() {
     assert_eq!(server.next(), News::Kind { kind: "old".into(), description: None });
 }
 
-/// A server whose reader takes nothing must make its next update from the state of then, so the client may not read on.
+/// A server whose reader takes nothing must make its next update from the state of then, so the client may not read on
+/// (HOST-26).
 #[test]
 fn a_slow_view_reads_nothing_more() {
     let server = Server::start();
