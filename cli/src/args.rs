@@ -11,6 +11,7 @@ use drivetwin_sim::config::preset::Number;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::export::plot;
 use drivetwin_sim::line::LineMode;
+use drivetwin_view::Address;
 
 /// Emulated motion drives on ptys, TCP ports and serial ports, as their manuals describe them.
 #[derive(Parser)]
@@ -32,6 +33,12 @@ pub(crate) enum Command {
     Run(Box<Run>),
     /// Attach a board: serve the control API for it, and record what it does
     Attach(Box<Attach>),
+    /// Show a bench in this terminal: drives, lights, registers, motion, messages; ? shows the keys
+    View {
+        /// Address of its control API, as `drivetwin run` prints it
+        #[arg(value_name = "URL")]
+        url: Option<Address>,
+    },
     /// Check a bench file without running it; warnings are printed to stderr
     Check {
         /// Bench file, whose name ends in .toml, or - for standard input
@@ -189,6 +196,10 @@ pub(crate) struct Run {
     /// Print one line of JSON to stdout when ready, and nothing else
     #[arg(long)]
     pub(crate) json: bool,
+    /// Show the bench in this terminal, like `drivetwin view`; the banner and the log are in its log pane, and q ends the
+    /// bench
+    #[arg(long, conflicts_with = "json")]
+    pub(crate) view: bool,
 }
 
 #[derive(Args)]

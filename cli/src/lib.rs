@@ -73,6 +73,7 @@ fn execute(command: Command) -> Result<u8, String> {
     match command {
         Command::Run(run) => commands::run::run(*run)?,
         Command::Attach(attach) => commands::run::attach(*attach)?,
+        Command::View { url } => commands::view::view(url)?,
         Command::Check { file } => commands::check::check(file)?,
         Command::List { json } => commands::list::list(json)?,
         Command::Describe { kinds, json, markdown } => commands::describe::describe(&kinds, json, markdown)?,

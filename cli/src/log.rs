@@ -14,7 +14,7 @@ use tracing_subscriber::filter::{LevelFilter, Targets};
 use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
-use crate::args::Cli;
+use crate::args::{Cli, Command};
 
 /// Maximum number of lines that wait to be written.
 const LINES: usize = 1024;
@@ -25,6 +25,8 @@ const FLUSH_LIMIT: Duration = Duration::from_secs(1);
 /// A message to the writing thread.
 enum Message {
     Line(Vec<u8>),
+    /// Lines go to a pane from here on.
+    ToPane(Sender<String>),
     /// End of the log: the writing thread drops this sender when it has written all lines before it.
     End(#[expect(dead_code, reason = "its drop is what is waited for")] Sender<()>),
 }
@@ -41,12 +43,30 @@ fn writer() -> &'static SyncSender<Message> {
 }
 
 fn write(messages: Receiver<Message>) {
+    let mut pane: Option<Sender<String>> = None;
+    let is_terminal = io::stderr().is_terminal();
     for message in messages {
-        if let Message::Line(line) = message {
-            // If stderr is closed, the error cannot be reported anywhere.
-            let _ = io::stderr().write_all(&line);
+        match message {
+            Message::Line(line) => {
+                let text = || String::from_utf8_lossy(&line).trim_end().to_owned();
+                let is_shown = pane.as_ref().is_some_and(|pane| pane.send(text()).is_ok());
+                // A pane and stderr may be the same terminal.
+                if !(is_shown && is_terminal) {
+                    // If stderr is closed, the error cannot be reported anywhere.
+                    let _ = io::stderr().write_all(&line);
+                }
+            }
+            Message::ToPane(lines) => pane = Some(lines),
+            Message::End(_) => {}
         }
     }
+}
+
+/// Sends all further lines to a pane of the terminal, until the pane has gone; and to stderr, if it is not a terminal.
+pub(crate) fn to_pane() -> Receiver<String> {
+    let (pane, lines) = mpsc::channel();
+    let _ = writer().try_send(Message::ToPane(pane));
+    lines
 }
 
 /// Gives a line to the writing thread; drops the line if too many wait.
@@ -92,9 +112,12 @@ pub(crate) fn start(cli: &Cli) {
     };
     let wanted = std::env::var("RUST_LOG").ok().filter(|text| !text.is_empty());
     let wanted: Option<Targets> = wanted.and_then(|text| text.parse().ok());
+    // A pane of the view has its own colours.
+    let has_pane = matches!(&cli.command, Command::Run(run) if run.view);
+    let is_terminal = io::stderr().is_terminal() && !has_pane;
     let lines = tracing_subscriber::fmt::layer()
         .with_writer(|| Lines)
-        .with_ansi(is_coloured(std::env::var_os("NO_COLOR").as_deref(), io::stderr().is_terminal()))
+        .with_ansi(is_coloured(std::env::var_os("NO_COLOR").as_deref(), is_terminal))
         .with_target(false)
         .with_filter(wanted.unwrap_or_else(|| Targets::new().with_default(level)));
     tracing_subscriber::registry().with(lines).init();

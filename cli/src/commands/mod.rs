@@ -10,6 +10,7 @@ pub(crate) mod plot;
 pub(crate) mod reference;
 pub(crate) mod replay;
 pub(crate) mod run;
+pub(crate) mod view;
 
 use std::fs::File;
 use std::io::{self, Read as _, Write as _};

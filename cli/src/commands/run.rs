@@ -19,16 +19,22 @@ use crate::log;
 /// One sentence that names the option or file, and the error.
 pub(crate) fn run(arguments: Run) -> Result<(), String> {
     raise_limit_of_descriptors();
-    let json = arguments.json;
+    let (json, view) = (arguments.json, arguments.view);
     let configuration = Configuration::read(arguments.into())?;
     if json && configuration.uses_stdio() {
         return Err("--json and stdio: cannot share stdout; use one of them".into());
+    }
+    if view && configuration.uses_stdio() {
+        return Err("--view and stdio: cannot share the terminal; use one of them".into());
     }
     let uses_stdio = configuration.uses_stdio();
     let prepared = configuration.prepare()?;
     // Caught from here on, because clients may connect as soon as the ports are open.
     let stop = signals().map_err(|error| format!("signals cannot be caught: {error}"))?;
     let running = prepared.open()?;
+    if view {
+        return super::view::serve(running, stop);
+    }
     let banner = if json { running.json()? } else { running.text() };
     if uses_stdio {
         // A serial line uses stdout.
@@ -76,7 +82,7 @@ fn raise_limit_of_descriptors() {
 
 /// A stream that becomes readable when a signal ends the program: Ctrl-C, SIGTERM, a closed terminal, or
 /// Ctrl-\. SIGHUP and SIGQUIT stay ignored if the parent process ignores them (`nohup`, a shell).
-fn signals() -> io::Result<UnixStream> {
+pub(super) fn signals() -> io::Result<UnixStream> {
     let (stop, caught) = UnixStream::pair()?;
     let ignored = ignored();
     for signal in [SIGINT, SIGTERM, SIGHUP, SIGQUIT] {

@@ -14,3 +14,4 @@ mod recordings;
 mod running;
 mod runs;
 mod scale;
+mod views;
