@@ -276,14 +276,50 @@ fn a_kind_that_is_chosen_over_the_cable_starts_at_once_and_after_each_power_on()
     let mut script = calling(Call::Become("mdrobot"));
     // The computer finds the board again.
     let again = asked + 2 * PLUGGED;
+    ask(&mut script, asked + 70 * MS, Call::Hello);
     script.at(again, "usb open control");
     ask(&mut script, again + CALL, Call::Hello);
+    // Until the board starts again, it answers nothing more.
     let run = script.play_on(&flash, &uf2(), again + 2 * CALL);
-    assert!(run.did.iter().any(|(_, did)| *did == OutputRecord::Watchdog), "{:?}", run.did);
+    let reset = run.did.iter().find(|(_, did)| *did == OutputRecord::Watchdog).expect("it starts again").0;
+    let got: Vec<Nanos> =
+        run.usb.iter().filter(|(_, what)| what.starts_with("control ")).map(|(at, _)| *at).collect();
+    let [replied, ..] = got[..] else { panic!("no reply: {:?}", run.usb) };
+    reply(&run, replied, |answer| assert_eq!(answer, Ok(Answer::Done)));
+    assert!((45 * MS..55 * MS).contains(&(reset - replied)), "reply at {replied} ns, reset at {reset} ns");
+    assert!(!got.iter().any(|at| (replied + 1..reset).contains(at)), "{:?}", run.usb);
+    println!(
+        "the reply comes {} ms after the call, and the reset {} ms after it",
+        (replied - asked) / MS,
+        (reset - replied) / MS
+    );
     reply(&run, again + CALL, |answer| {
         assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: "mdrobot", .. }))), "{answer:?}");
     });
     expect_kind("mdrobot", &flash, &uf2());
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn a_kind_that_the_board_has_already_is_stored_and_the_drive_goes_on() {
+    let flash = flash("the-same", &[]);
+    let (asked, read) = (PLUGGED + CALL, PLUGGED + CALL + 200 * MS);
+    let mut script = Script::fast();
+    script.at(0, "usb plug");
+    script.hear(START, &rtu::write(1, md3::at::USER, 0x1234));
+    call_on(&mut script, Call::Become("md3"));
+    script.hear(read, &rtu::read(1, md3::at::USER, 1));
+    let run = script.play_on(&flash, &uf2(), read + TURN);
+    let replied = run.usb.iter().find(|(_, what)| what.starts_with("control ")).expect("a reply").0;
+    reply(&run, replied, |answer| assert_eq!(answer, Ok(Answer::Done)));
+    assert!(
+        asked < replied && !run.did.iter().any(|(_, did)| *did == OutputRecord::Watchdog),
+        "{:?}",
+        run.did
+    );
+    assert_eq!(value(&run, read), 0x1234, "the drive has kept its power");
+    CHIP.with_borrow_mut(|(bytes, _)| *bytes = fs::read(&flash).expect("the flash"));
+    assert_eq!(Choice::last(CHOICES, Chip::read).as_ref().and_then(Choice::kind), Some("md3"));
 }
 
 #[test]
@@ -325,6 +361,7 @@ fn is_new(script: &Script, cut: u64, flash: &Path) -> bool {
 #[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
 fn the_boot_loader_starts_over_the_cable() {
     let run = calling(Call::Bootloader).play(&uf2(), PLUGGED + 300 * CALL);
+    reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Ok(Answer::Done)));
     assert!(matches!(run.did[..], [.., (_, OutputRecord::BootLoader(LIGHT_BIT))]), "{:?}", run.did);
 }
 

@@ -33,7 +33,7 @@ mod usb_serial;
 mod wire;
 
 pub use axis::{Axis, Timer};
-pub use board::{Board, is_awake, made, run, sleep_until};
+pub use board::{Board, Leave, is_awake, made, run, sleep_until};
 pub use board_outputs::{BoardOutputs, Bus, Release};
 pub use bus::{Sender, SerialBus, Uart};
 pub use cable::{Cable, CablePort, NoCable};

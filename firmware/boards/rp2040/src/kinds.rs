@@ -1,10 +1,9 @@
 //! The kinds of drive that the board can be, the choice of one, and the boot loader.
 
 use core::cell::Cell;
-use core::convert::Infallible;
 
 use critical_section::Mutex;
-use drivetwin_board::Choice;
+use drivetwin_board::{Choice, Leave};
 use drivetwin_control::Refused;
 
 use crate::flash::{CHOICES, Chip, directory, rom};
@@ -27,13 +26,10 @@ pub(crate) fn kind(number: u8) -> Option<&'static str> {
     }
 }
 
-/// Stores the choice and starts the board again, as [`Board::choose`](drivetwin_board::Board::choose) does.
-pub(crate) fn choose(kind: &str) -> Result<Infallible, Refused> {
-    if !(0..=u8::MAX).map_while(self::kind).any(|known| known == kind) {
-        return Err(Refused::Unknown);
-    }
+/// Stores the choice, as [`Board::choose`](drivetwin_board::Board::choose) does.
+pub(crate) fn choose(kind: &str) -> Result<Leave, Refused> {
     Choice::store::<Chip>(CHOICES, kind)?;
-    watchdog::reset()
+    Ok(watchdog::reset)
 }
 
 /// Starts the boot loader of the ROM (2.8.3.1.5), which takes a UF2. While it receives one, it lights the Pico's own light.

@@ -46,14 +46,13 @@ mod usb_echo;
 mod watchdog;
 pub mod wires;
 
-use core::convert::Infallible;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, Tap, made};
+use drivetwin_board::{Axis, Board, End, Leave, Output, Queue, Saved, Tap, made};
 use drivetwin_control::Refused;
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
@@ -202,12 +201,12 @@ impl Board for Pico {
         kinds::kind(number)
     }
 
-    fn choose(kind: &str) -> Result<Infallible, Refused> {
+    fn choose(kind: &str) -> Result<Leave, Refused> {
         kinds::choose(kind)
     }
 
-    fn start_boot_loader() -> Result<Infallible, Refused> {
-        kinds::start_boot_loader()
+    fn boot_loader() -> Result<Leave, Refused> {
+        Ok(kinds::start_boot_loader)
     }
 
     #[inline(never)]
