@@ -1,6 +1,6 @@
 //! The boards: their images, and the memory layout of the images.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use drivetwin_firmware::device::{Device, Framing, Spec};
@@ -110,16 +110,6 @@ pub(crate) fn logging(sh: &Shell) -> Result<()> {
         // links the name to cargo's copy.
         board.build(sh, "md3")?;
     }
-    Ok(())
-}
-
-/// Builds the image whose USB ports send back what they receive, as `usb-echo` in the folder of the images.
-fn usb_echo(sh: &Shell, images: &Path) -> Result<()> {
-    let (bare, package) = (bare(RP2040.target), RP2040.package);
-    cmd!(sh, "cargo build --quiet {bare...} --features {package}/usb-echo --bin md3").run()?;
-    sh.copy_file(images.join("md3"), images.join("usb-echo"))?;
-    // As in `logging`.
-    RP2040.build(sh, "md3")?;
     Ok(())
 }
 
@@ -261,7 +251,6 @@ pub(crate) fn golden(sh: &Shell) -> Result<()> {
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
     let uf2 = uf2::write(sh)?;
-    usb_echo(sh, &images)?;
     let host = host();
     let test = cmd!(sh, "cargo test {host...} --test pico -- --ignored --nocapture");
     Ok(test.env("DRIVETWIN_IMAGES", images).env("DRIVETWIN_UF2", uf2).run()?)

@@ -41,8 +41,6 @@ mod steps;
 mod timer;
 mod usb;
 mod usb_bus;
-#[cfg(feature = "usb-echo")]
-mod usb_echo;
 mod watchdog;
 pub mod wires;
 

@@ -34,23 +34,12 @@ struct Device {
     device: UsbDevice<'static, Controller>,
     bus: UsbSerial<'static, Controller>,
     control: UsbSerial<'static, Controller>,
-    #[cfg(feature = "usb-echo")]
-    echoes: [crate::usb_echo::Echo; 2],
 }
 
 impl Usb {
     /// Starts the controller, and connects the board to the computer.
     pub(crate) fn start() -> Self {
         Self(connect())
-    }
-
-    /// Lets the ports echo what they receive.
-    #[cfg(feature = "usb-echo")]
-    fn echo(&mut self) {
-        let Some(Device { bus, control, echoes, .. }) = self.0.as_deref_mut() else { return };
-        for (echo, port) in echoes.iter_mut().zip([bus, control]) {
-            echo.turn(port);
-        }
     }
 
     fn port(&mut self, port: CablePort) -> Option<&mut UsbSerial<'static, Controller>> {
@@ -84,8 +73,6 @@ fn connect() -> Option<&'static mut Device> {
         device,
         bus,
         control,
-        #[cfg(feature = "usb-echo")]
-        echoes: [const { crate::usb_echo::Echo::new() }; 2],
     })
 }
 
@@ -119,17 +106,12 @@ impl Cable for Usb {
                 device.bus().take_back(port.output());
             }
         }
-        #[cfg(feature = "usb-echo")]
-        self.echo();
         NVIC::unpend(Interrupt::USBCTRL_IRQ);
         // SAFETY: no critical section relies on the interrupt's mask.
         unsafe { NVIC::unmask(Interrupt::USBCTRL_IRQ) };
     }
 
     fn read(&mut self, port: CablePort, bytes: &mut [u8]) -> usize {
-        if cfg!(feature = "usb-echo") {
-            return 0;
-        }
         self.port(port).map_or(0, |port| port.read(bytes))
     }
 
@@ -147,7 +129,7 @@ impl Cable for Usb {
             CablePort::Control => control,
         };
         // A computer that sleeps, or is no longer there, has no port open.
-        device.state() == UsbDeviceState::Configured && port.is_open() && !cfg!(feature = "usb-echo")
+        device.state() == UsbDeviceState::Configured && port.is_open()
     }
 
     fn line(&self) -> Option<Line> {
