@@ -247,6 +247,68 @@ fn reply<T>(run: &Run, at: Nanos, judge: impl FnOnce(Result<Answer<'_>, Refused>
     panic!("no reply at {at} ns: {:?}", run.usb)
 }
 
+/// Line of each kind at its first start, as in docs/how-to/each-drive.md.
+fn line(kind: &str) -> &'static str {
+    match kind {
+        "md3" | "md3-low" => "9600 8E1",
+        "mdrobot" => "19200 8N1",
+        "rs434544" | "rs434546" => "115200 8E1",
+        _ => "230400 8N1",
+    }
+}
+
+/// Times of the first answers of control and of the bus, if a program opens both ports as soon as the computer has
+/// configured the device, and the cable is plugged in at `plugged`.
+fn first_answers(kind: &str, flash: &Path, plugged: Nanos) -> [Nanos; 2] {
+    let mut script = Script::fast();
+    script.at(plugged, "usb plug");
+    let end = plugged + 2 * PLUGGED;
+    let run = script.play_on(flash, &uf2(), end);
+    let configured = run.usb.iter().find(|(_, what)| what == "configured").expect("it is configured").0;
+    let (request, answer) = first(kind);
+    script.at(configured, format_args!("usb line {}", line(kind)));
+    script.at(configured, "usb open bus");
+    script.at(configured, "usb open control");
+    ask(&mut script, configured, Call::Hello);
+    // The host makes its requests for the line first, and a master waits until the port is open.
+    script.send(configured + 2 * MS, "bus", &request);
+    let run = script.play_on(flash, &uf2(), end);
+    let came = |port| {
+        run.usb
+            .iter()
+            .find(|(_, what)| what.starts_with(port))
+            .unwrap_or_else(|| panic!("{kind}: no answer: {:?}", run.usb))
+            .0
+    };
+    let [control, bus] = ["control ", "bus "].map(came);
+    reply(&run, control, |answer| {
+        assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: k, .. })) if k == kind));
+    });
+    assert!(run.got("bus ", bus, end).ends_with(&answer), "{kind}");
+    [control - plugged, bus - plugged]
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn the_first_answers_come_soon_after_plugging_in() {
+    println!("time from plugging in to the first answers of control and of the bus, in ms:");
+    let ms = |at: Nanos| at as f64 / MS as f64;
+    for (kind, ..) in kinds() {
+        let flash = flash(&format!("plugged-{kind}"), &[kind]);
+        let [control, bus] = first_answers(kind, &flash, 0);
+        let [later, bus_later] = first_answers(kind, &flash, 1_000 * MS);
+        println!(
+            "  {kind:<9} {:5.1} and {:5.1} with its power, {:5.1} and {:5.1} if it has power before",
+            ms(control),
+            ms(bus),
+            ms(later),
+            ms(bus_later)
+        );
+        assert!(control <= 210 * MS && bus <= 220 * MS, "{kind}");
+        assert!(later <= 130 * MS && bus_later <= 150 * MS, "{kind}");
+    }
+}
+
 #[test]
 #[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
 fn a_board_names_its_kinds_and_refuses_others() {

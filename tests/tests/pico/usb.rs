@@ -6,7 +6,7 @@ use std::net::TcpStream;
 use std::ops::Range;
 use std::path::Path;
 use std::process::{Command, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use drivetwin_control::{Answer, Call, Decoder, FRAME, Message, PIECE, Refused, Reply, Request, encode};
 use drivetwin_protocol::modbus::rtu;
@@ -398,16 +398,18 @@ fn serve_has_both_ports_on_tcp() {
     assert_eq!(doubled.len(), 9);
     // The drive answers when its start-up is over.
     bus.set_read_timeout(Some(Duration::from_millis(500))).expect("a time");
-    let since = Instant::now();
     let mut got = Vec::new();
-    while !got.ends_with(&doubled) {
-        assert!(Some(since.elapsed()) < PATIENCE, "no reply: {got:?}");
+    for _ in 0..120 {
         bus.write_all(&doubled).expect("it reads");
         let mut bytes = [0; 64];
         while let Ok(count @ 1..) = bus.read(&mut bytes) {
             got.extend(&bytes[..count]);
         }
+        if !got.is_empty() {
+            break;
+        }
     }
+    assert!(got.starts_with(&doubled), "{got:?}");
 
     drop(serve.stdin.take());
     assert!(serve.wait().expect("node ends").success());
