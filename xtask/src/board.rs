@@ -74,6 +74,8 @@ const LINTED: &str = BOARDS[2].target;
 pub(crate) const LM3S6965: &Board = &BOARDS[0];
 /// The Raspberry Pi Pico.
 pub(crate) const RP2040: &Board = &BOARDS[1];
+/// The Raspberry Pi Pico 2.
+pub(crate) const RP2350: &Board = &BOARDS[3];
 
 /// Arguments of cargo that select all packages that run on a microcontroller with this target. The packages are
 /// always the same. For other packages cargo may select other features of the dependencies, and build the
@@ -88,17 +90,20 @@ pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
 }
 
 /// Lints the crates that only a board, or a linker, can build. All are linted for one processor, which has
-/// every instruction of the others. The profile is that of the boards, so that no other lane's lock on a
-/// profile folder has to be waited for.
+/// every instruction of the others, and that of the Pico and the Pico 2 also for the latter, which selects its chip. The
+/// profile is that of the boards, so that no other lane's lock on a profile folder has to be waited for.
 pub(crate) fn clippy(sh: &Shell) -> Result<()> {
-    let packages = BARE.iter().flat_map(|bare| ["--package", bare]);
-    let lint = || {
-        let packages = packages.clone();
-        cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {LINTED}")
+    let lint = |packages: &[&str], target: &str, logging: &[&str]| {
+        let packages = packages.iter().flat_map(|package| ["--package", package]);
+        let lint = cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {target}");
+        let logging = logging.iter().map(|package| format!("{package}/defmt")).collect::<Vec<_>>().join(",");
+        lint.args(["--features", &logging, "--", "-D", "warnings"]).run()
     };
-    let logging = BOARDS.map(|board| format!("{}/defmt", board.package)).join(",");
-    lint().args(["--", "-D", "warnings"]).run()?;
-    Ok(lint().args(["--features", &logging, "--", "-D", "warnings"]).run()?)
+    let (package, target) = (RP2350.package, RP2350.target);
+    lint(&BARE, LINTED, &[])?;
+    lint(&BARE, LINTED, &BOARDS.map(|board| board.package))?;
+    lint(&[package, "drivetwin-pico"], target, &[])?;
+    Ok(lint(&[package, "drivetwin-pico"], target, &[package])?)
 }
 
 /// Builds one image with logging for each board, because the linker scripts of the boards differ.
@@ -250,7 +255,7 @@ pub(crate) fn golden(sh: &Shell) -> Result<()> {
 /// Runs the tests that need the exact time of the emulated Pico.
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
-    let uf2 = uf2::write(sh)?;
+    let uf2 = uf2::write(sh, &uf2::PICO)?;
     let host = host();
     let test = cmd!(sh, "cargo test {host...} --test pico -- --ignored --nocapture");
     Ok(test.env("DRIVETWIN_IMAGES", images).env("DRIVETWIN_UF2", uf2).run()?)

@@ -1,47 +1,50 @@
-//! Drives on the Raspberry Pi Pico 2.
+//! Drives on the Raspberry Pi Pico and the Pico 2.
 //!
-//! Each binary is one kind of drive. It names the drive's constructor and the wires of the board, and calls
-//! [`run`]. Code that is common to all boards is in `drivetwin_board`; code that is common to all drives is
-//! here.
+//! Each binary of `drivetwin-rp2040` and of `drivetwin-rp2350` is one kind of drive. It names the drive's constructor and the
+//! wires of the board, and calls [`run`]. Code that is common to all boards is in `drivetwin_board`; code that is common to
+//! all drives and to both boards is here. The RP2350 of the Pico 2 has the UART, the timer, the pins and the USB controller
+//! of the RP2040; `chip` is the module of one of them.
 //!
-//! No image has run on a Pico 2 yet. The RP2350 has the UART, the timer and the pins of the RP2040 at other addresses, so
-//! modules of the crate of the Pico are used here, too; `chip` has the addresses. The sections that these modules cite are
-//! those of the *RP2040 Datasheet*; the others are those of the *RP2350 Datasheet*.
+//! README.md of `rp2040` shows the wiring. Sections cited beside the code are those of the *RP2040 Datasheet*, in `rp2350`
+//! those of the *RP2350 Datasheet*; the sections of the flash chip are in *W25Q16JV*.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`wires`] | assignment of the pins |
-//! | `boot` | from the reset to a program in RAM |
-//! | `Pico2` | the board, as the loop needs it |
-//! | `chip` | addresses and interrupts |
-//! | `clock` | the system clock |
+//! | `Pico` | the board, as the loop needs it |
+//! | `chip`: `rp2040` or `rp2350` | addresses and interrupts; the way from the reset to a program in RAM, clocks, functions of the boot ROM |
+//! | `vectors` | the table of interrupts |
 //! | `timer` | time, alarms, sleep |
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
 //! | `steps` | STEP and DIR |
-//! | `flash` | the flash for saved registers |
+//! | `flash` | the flash for images, the chosen kind and saved registers |
+//! | `kinds` | the kinds of drive that the board can be |
+//! | `selector` | the start of the chosen kind |
+//! | `usb`, `usb_bus` | the USB cable, and the controller |
 //! | `watchdog` | the watchdog |
 //! | `log` | the log through a debug probe |
-//! | `registers` | registers of the hardware |
+//! | `pll`, `registers` | a PLL; registers of the hardware |
 #![no_std]
 
-mod boot;
-#[path = "../../rp2040/src/bus.rs"]
 mod bus;
-mod chip;
-mod clock;
 mod flash;
-#[path = "../../rp2040/src/log.rs"]
+mod kinds;
 mod log;
-#[path = "../../rp2040/src/pins.rs"]
 mod pins;
+mod pll;
 mod registers;
-#[path = "../../rp2040/src/steps.rs"]
+#[cfg(not(rp2350))]
+mod rp2040;
+#[cfg(rp2350)]
+mod rp2350;
+mod selector;
 mod steps;
-#[path = "../../rp2040/src/timer.rs"]
 mod timer;
+mod usb;
+mod usb_bus;
+mod vectors;
 mod watchdog;
-#[path = "../../rp2040/src/wires.rs"]
 pub mod wires;
 
 use core::panic::PanicInfo;
@@ -49,19 +52,28 @@ use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
-use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, Tap, made};
+use cortex_m_rt::{exception, interrupt};
+use drivetwin_board::{Axis, Board, End, Leave, Output, Queue, Saved, Tap, made};
+use drivetwin_control::Refused;
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 
+#[cfg(not(rp2350))]
+use self::rp2040 as chip;
+#[cfg(rp2350)]
+use self::rp2350 as chip;
+
 pub use self::pins::Wire;
+pub use self::selector::select;
 
 use self::bus::Uart0;
-use self::chip::Interrupt;
+use self::chip::Interrupt as interrupt;
+use self::chip::{Interrupt, clock};
 use self::flash::{Flash, MOST_SECTORS};
 use self::pins::Pins;
 use self::steps::Steps;
 use self::timer::{TICKS, WAKE};
+use self::usb::Usb;
 
 /// Maximum number of events that wait, of 24 bytes each. It suffices for a request of the longest kind, and
 /// for everything that a line at 57,600 baud receives in the 45 ms in which a sector is erased.
@@ -70,8 +82,11 @@ const ROOM: usize = 256;
 /// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
 
-/// The bus sends nothing for a cable.
-pub(crate) const TAP: Option<&Tap> = None;
+/// Characters that the bus sends, for the cable.
+pub(crate) const TAP: Option<&Tap> = {
+    static TAP: Tap = Tap::new();
+    Some(&TAP)
+};
 
 /// Number of events that were lost because the queue was full; it wraps.
 static LOST: AtomicU32 = AtomicU32::new(0);
@@ -98,7 +113,7 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
     memory: &mut [u8; MEMORY],
     wires: &[Wire; WIRES],
 ) -> ! {
-    drivetwin_board::run::<Pico2, _, _, _, CHARACTERS, _>(
+    drivetwin_board::run::<Pico, _, _, _, CHARACTERS, _>(
         &mut made(make),
         wires,
         |spec| Saved::<_, MOST_SECTORS>::new(Flash::new(), flash::place(MEMORY), spec.kind, memory),
@@ -107,14 +122,14 @@ pub fn run<D: Device, const MEMORY: usize, const CHARACTERS: usize, const WIRES:
 }
 
 /// The board.
-enum Pico2 {}
+enum Pico {}
 
-impl Board for Pico2 {
+impl Board for Pico {
     type Wire = Wire;
     type Pin = Output<Pins>;
     type Uart = Uart0;
     type Timer = Steps;
-    type Cable = NoCable;
+    type Cable = Usb;
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
@@ -128,6 +143,7 @@ impl Board for Pico2 {
     }
 
     fn wire<const N: usize>(spec: &Spec, wires: &[Wire; N]) -> [(Option<End>, Output<Pins>); N] {
+        kinds::this_is(spec.kind);
         if wires.iter().all(|(_, pins)| pins & wires::LIGHT == 0) {
             pins::drive_low(wires::LIGHT);
             pins::write(wires::LIGHT, true);
@@ -136,8 +152,8 @@ impl Board for Pico2 {
     }
 
     /// Enables interrupts. Only critical sections delay a step. All interrupts that timestamp or send have
-    /// the same priority, so that timestamps ascend. The alarm of the loop has the lowest one, because it
-    /// only ends the sleep.
+    /// the same priority, so that timestamps ascend. The alarm of the loop and USB have the lowest one, because
+    /// they only end the sleep.
     fn unmask() {
         let priorities = [
             (Interrupt::TIMER_IRQ_0, 0x00),
@@ -145,6 +161,7 @@ impl Board for Pico2 {
             (Interrupt::IO_IRQ_BANK0, 0x40),
             (Interrupt::TIMER_IRQ_2, 0x40),
             (Interrupt::TIMER_IRQ_1, 0xC0),
+            (Interrupt::USBCTRL_IRQ, 0xC0),
         ];
         let Some(mut core) = Peripherals::take() else { return };
         for (interrupt, priority) in priorities {
@@ -167,6 +184,10 @@ impl Board for Pico2 {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 
+    fn lost_inputs() -> u32 {
+        LOST.load(Ordering::Relaxed)
+    }
+
     fn is_quiet() -> bool {
         QUEUE.is_empty()
     }
@@ -175,16 +196,24 @@ impl Board for Pico2 {
         pins::tell_missed();
     }
 
-    fn lost_inputs() -> u32 {
-        LOST.load(Ordering::Relaxed)
-    }
-
     fn feed() {
         watchdog::feed();
     }
 
-    fn cable() -> NoCable {
-        NoCable
+    fn cable() -> Usb {
+        Usb::start()
+    }
+
+    fn kind(number: u8) -> Option<&'static str> {
+        kinds::kind(number)
+    }
+
+    fn choose(kind: &str) -> Result<Leave, Refused> {
+        kinds::choose(kind)
+    }
+
+    fn boot_loader() -> Result<Leave, Refused> {
+        Ok(kinds::start_boot_loader)
     }
 
     #[inline(never)]

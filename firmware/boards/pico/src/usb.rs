@@ -6,11 +6,11 @@ use cortex_m::peripheral::NVIC;
 use cortex_m::singleton;
 use drivetwin_board::{Cable, CablePort, UsbSerial};
 use drivetwin_firmware::device::Line;
-use rp2040_pac::{Interrupt, interrupt};
 use usb_device::bus::UsbBusAllocator;
 use usb_device::device::{StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid};
 
-use crate::flash;
+use crate::chip::{Interrupt, rom};
+use crate::interrupt;
 use crate::usb_bus::Controller;
 
 /// Vendor and product: those for tests, until the project has its own.
@@ -54,7 +54,7 @@ impl Usb {
 /// Makes the device. The stack that this needs is free again when it returns.
 #[inline(never)]
 fn connect() -> Option<&'static mut Device> {
-    let serial = singleton!(: [u8; 16] = hex(flash::unique_id()))?;
+    let serial = singleton!(: [u8; 16] = hex(rom::unique_id()))?;
     let allocator = singleton!(: UsbBusAllocator<Controller> = UsbBusAllocator::new(Controller::new()))?;
     let bus = UsbSerial::new(allocator, "drivetwin bus");
     let control = UsbSerial::new(allocator, "drivetwin control");
