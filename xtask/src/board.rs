@@ -25,6 +25,9 @@ pub(crate) struct Board {
     vectors: Option<u64>,
     /// Address of the start of RAM.
     ram: u64,
+    /// Parts of the names of functions that must be in RAM, as interrupts must, because flash cannot be read meanwhile.
+    /// `None` if the board runs from flash.
+    in_ram: Option<&'static [&'static str]>,
     /// True if the board has Ethernet, and therefore also images of the drives with TCP ports.
     has_ethernet: bool,
 }
@@ -37,6 +40,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         target: "thumbv7m-none-eabi",
         vectors: Some(0),
         ram: 0x2000_0000,
+        in_ram: None,
         has_ethernet: true,
     },
     Board {
@@ -46,6 +50,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         // The image runs from RAM, so the vector table is in RAM, after the stack.
         vectors: None,
         ram: 0x2000_0000,
+        in_ram: Some(&[]),
         has_ethernet: false,
     },
     Board {
@@ -55,6 +60,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         // The vector table is in RAM, as on the rp2040.
         vectors: None,
         ram: 0x2000_0000,
+        in_ram: Some(&["flash4Bank7command"]),
         has_ethernet: false,
     },
     Board {
@@ -63,6 +69,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         target: "thumbv8m.main-none-eabi",
         vectors: None,
         ram: 0x2000_0000,
+        in_ram: Some(&[]),
         has_ethernet: false,
     },
 ];
@@ -146,7 +153,11 @@ impl Board {
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
         let image = Image::of(sh, self.target, PROFILE, kind)?;
         let vectors = self.vectors.map_or_else(|| image.symbol("_stack_start"), Ok)?;
-        image.expect_map(vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
+        let name = || format!("{kind} on {}", self.name);
+        image.expect_map(vectors, self.ram).with_context(name)?;
+        if let Some(names) = self.in_ram {
+            image.expect_in_ram(self.ram, names).with_context(name)?;
+        }
         Ok(image)
     }
 

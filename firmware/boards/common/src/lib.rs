@@ -29,6 +29,7 @@ pub mod station;
 mod steps;
 mod tap;
 mod usart;
+mod usb_cable;
 mod usb_serial;
 mod wire;
 
@@ -48,5 +49,6 @@ pub use slips::{SLIPPED, untold};
 pub use steps::{StepPins, StepPort};
 pub use tap::Tap;
 pub use usart::Usart;
-pub use usb_serial::{UsbSerial, line_of};
+pub use usb_cable::{UsbCable, hex};
+pub use usb_serial::{Endpoints, UsbSerial, line_of};
 pub use wire::{AxisPins, End, is_full_duplex};

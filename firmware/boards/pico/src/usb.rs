@@ -1,20 +1,21 @@
 //! The USB cable: a device with two serial ports.
 
+use core::str;
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::singleton;
-use drivetwin_board::{Cable, CablePort, UsbSerial};
+use drivetwin_board::{Cable, CablePort, Endpoints, UsbCable, hex};
 use drivetwin_firmware::device::Line;
 use usb_device::bus::UsbBusAllocator;
-use usb_device::device::{StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid};
 
 use crate::chip::{Interrupt, rom};
 use crate::interrupt;
 use crate::usb_bus::Controller;
 
-/// Vendor and product: those for tests, until the project has its own.
-const IDS: UsbVidPid = UsbVidPid(0x1209, 0x0001);
+/// Endpoints of the bus and of control.
+const ENDPOINTS: [Endpoints; 2] =
+    [Endpoints { notifications: 0x81, data: 2 }, Endpoints { notifications: 0x83, data: 4 }];
 
 /// True if the controller has work for the loop.
 static PENDING: AtomicBool = AtomicBool::new(false);
@@ -27,65 +28,22 @@ fn USBCTRL_IRQ() {
 }
 
 /// The cable; `None` if there is no second one.
-pub(crate) struct Usb(Option<&'static mut Device>);
-
-/// The device.
-struct Device {
-    device: UsbDevice<'static, Controller>,
-    bus: UsbSerial<'static, Controller>,
-    control: UsbSerial<'static, Controller>,
-}
+pub(crate) struct Usb(Option<&'static mut UsbCable<Controller>>);
 
 impl Usb {
     /// Starts the controller, and connects the board to the computer.
     pub(crate) fn start() -> Self {
         Self(connect())
     }
-
-    fn port(&mut self, port: CablePort) -> Option<&mut UsbSerial<'static, Controller>> {
-        let Device { bus, control, .. } = self.0.as_deref_mut()?;
-        Some(match port {
-            CablePort::Bus => bus,
-            CablePort::Control => control,
-        })
-    }
 }
 
 /// Makes the device. The stack that this needs is free again when it returns.
 #[inline(never)]
-fn connect() -> Option<&'static mut Device> {
-    let serial = singleton!(: [u8; 16] = hex(rom::unique_id()))?;
+fn connect() -> Option<&'static mut UsbCable<Controller>> {
+    let serial = singleton!(: [u8; 16] = hex(&rom::unique_id()))?;
     let allocator = singleton!(: UsbBusAllocator<Controller> = UsbBusAllocator::new(Controller::new()))?;
-    let bus = UsbSerial::new(allocator, "drivetwin bus");
-    let control = UsbSerial::new(allocator, "drivetwin control");
-    let strings = StringDescriptors::default()
-        .manufacturer("drivetwin")
-        .product("drivetwin")
-        .serial_number(str::from_utf8(serial).ok()?);
-    let device = UsbDeviceBuilder::new(allocator, IDS)
-        .composite_with_iads()
-        .max_packet_size_0(64)
-        .ok()?
-        .strings(&[strings])
-        .ok()?
-        .build();
-    singleton!(: Device = Device {
-        device,
-        bus,
-        control,
-    })
-}
-
-/// Hexadecimal digits of bytes.
-fn hex(bytes: [u8; 8]) -> [u8; 16] {
-    const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
-    let mut digits = [0; 16];
-    for (pair, byte) in digits.chunks_exact_mut(2).zip(bytes) {
-        for (place, digit) in pair.iter_mut().zip([byte >> 4, byte & 0xF]) {
-            *place = DIGITS.get(usize::from(digit)).copied().unwrap_or_default();
-        }
-    }
-    digits
+    let cable = UsbCable::connect(allocator, str::from_utf8(serial).ok()?, ENDPOINTS)?;
+    singleton!(: UsbCable<Controller> = cable)
 }
 
 impl Cable for Usb {
@@ -98,41 +56,27 @@ impl Cable for Usb {
         if !Self::is_pending() {
             return;
         }
-        let Some(Device { device, bus, control, .. }) = self.0.as_deref_mut() else { return };
+        let Some(cable) = self.0.as_deref_mut() else { return };
         PENDING.store(false, Ordering::Relaxed);
-        device.poll(&mut [bus, control]);
-        for port in [bus, control] {
-            if port.was_closed() {
-                device.bus().take_back(port.output());
-            }
-        }
+        cable.poll(Controller::take_back);
         NVIC::unpend(Interrupt::USBCTRL_IRQ);
         // SAFETY: no critical section relies on the interrupt's mask.
         unsafe { NVIC::unmask(Interrupt::USBCTRL_IRQ) };
     }
 
     fn read(&mut self, port: CablePort, bytes: &mut [u8]) -> usize {
-        self.port(port).map_or(0, |port| port.read(bytes))
+        self.0.as_deref_mut().map_or(0, |cable| cable.read(port, bytes))
     }
 
     fn write(&mut self, port: CablePort, bytes: &[u8]) -> usize {
-        if !self.is_open(port) {
-            return bytes.len();
-        }
-        self.port(port).map_or(0, |port| port.write(bytes))
+        self.0.as_deref_mut().map_or(bytes.len(), |cable| cable.write(port, bytes))
     }
 
     fn is_open(&self, port: CablePort) -> bool {
-        let Some(Device { device, bus, control, .. }) = self.0.as_deref() else { return false };
-        let port = match port {
-            CablePort::Bus => bus,
-            CablePort::Control => control,
-        };
-        // A computer that sleeps, or is no longer there, has no port open.
-        device.state() == UsbDeviceState::Configured && port.is_open()
+        self.0.as_deref().is_some_and(|cable| cable.is_open(port))
     }
 
     fn line(&self) -> Option<Line> {
-        self.0.as_deref().and_then(|device| device.bus.line())
+        self.0.as_deref().and_then(UsbCable::line)
     }
 }
