@@ -50,6 +50,11 @@ impl<B: UsbBus> UsbCable<B> {
         }
     }
 
+    /// The controller.
+    pub fn controller(&self) -> &B {
+        self.device.bus()
+    }
+
     /// Takes bytes that the computer has sent to a port, as [`Cable::read`](crate::Cable::read) does.
     pub fn read(&mut self, port: CablePort, bytes: &mut [u8]) -> usize {
         self.port(port).read(bytes)
