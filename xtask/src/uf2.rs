@@ -22,7 +22,7 @@ pub(crate) struct Uf2 {
 /// The file for the Pico.
 pub(crate) const PICO: Uf2 = Uf2 { board: RP2040, file: "drivetwin-pico.uf2", family: 0xE48B_FF56 };
 /// The file for the Pico 2, for its Arm processors in the secure state.
-const PICO_2: Uf2 = Uf2 { board: RP2350, file: "drivetwin-pico2.uf2", family: 0xE48B_FF59 };
+pub(crate) const PICO_2: Uf2 = Uf2 { board: RP2350, file: "drivetwin-pico2.uf2", family: 0xE48B_FF59 };
 
 /// Program before the images, which starts one of them.
 const SELECTOR: &str = "selector";

@@ -11,6 +11,7 @@ use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::{md3, rs434};
 use embedded_storage_async::nor_flash::NorFlashErrorKind;
 
+use crate::motion::{MOVE, STEPS};
 use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
 use crate::{expect_written, image, pin, value, write};
 
@@ -359,6 +360,31 @@ fn a_kind_that_is_chosen_over_the_cable_starts_at_once_and_after_each_power_on()
         assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: "mdrobot", .. }))), "{answer:?}");
     });
     expect_kind("mdrobot", &flash, &uf2());
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn a_change_of_the_kind_ends_the_motion() {
+    let mut script = Script::fast();
+    script.at(0, "usb plug");
+    script.at(PLUGGED, "usb open control");
+    let asked = write(&mut script, PLUGGED + CALL, &MOVE);
+    script.hear(asked, &rtu::write(1, md3::at::MOTION, md3::bit::MOVE));
+    let called = asked + 200 * MS;
+    ask(&mut script, called, Call::Become("qsb-d"));
+    let run = script.play_on(&flash("moving", &[]), &uf2(), called + PLUGGED);
+    let replied = run.usb.iter().find(|(_, what)| what.starts_with("control ")).expect("a reply").0;
+    let steps = run.edges(pin::STEP, Drive::High);
+    let (first, last) = (steps[0], steps[steps.len() - 1]);
+    assert!(
+        (asked..called).contains(&first) && steps.len() < STEPS as usize,
+        "{} steps from {first} ns on",
+        steps.len()
+    );
+    assert!(
+        (called..=replied).contains(&last),
+        "called at {called} ns, last step at {last}, reply at {replied}"
+    );
 }
 
 #[test]

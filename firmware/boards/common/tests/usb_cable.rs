@@ -9,7 +9,7 @@ use usb_device::bus::{PollResult, UsbBus, UsbBusAllocator};
 use usb_device::endpoint::{EndpointAddress, EndpointType};
 use usb_device::{Result, UsbDirection, UsbError};
 
-/// What happens at the controller.
+/// State of the controller, and bytes that it has sent.
 #[derive(Default)]
 struct Wire {
     taken: Vec<EndpointAddress>,
