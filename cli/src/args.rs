@@ -121,7 +121,7 @@ pub(crate) struct Flash {
     /// Board
     #[arg(value_enum)]
     pub(crate) board: Board,
-    /// Image for the board [default: drivetwin-pico.uf2 that came with the program]
+    /// Image for the board [default: drivetwin-pico.uf2 or drivetwin-pico2.uf2 that came with the program]
     #[arg(long, value_name = "FILE.uf2")]
     pub(crate) image: Option<PathBuf>,
     /// Board that runs a drive and shall start its boot loader: the path of its control port, usb:SERIAL for a USB serial
@@ -135,6 +135,8 @@ pub(crate) struct Flash {
 pub(crate) enum Board {
     /// Raspberry Pi Pico
     Pico,
+    /// Raspberry Pi Pico 2
+    Pico2,
 }
 
 #[derive(Args)]

@@ -1,4 +1,4 @@
-//! The boot loader of a Raspberry Pi Pico: a disk that takes a UF2, starts it and vanishes.
+//! The boot loader of a Raspberry Pi Pico or Pico 2: a disk that takes a UF2, starts it and vanishes.
 
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};
@@ -8,10 +8,33 @@ use std::time::Duration;
 use crate::options::BoardPlace;
 use crate::{board, clock};
 
-/// Name of the file with all kinds of drive, as `cargo xtask uf2` writes it.
-const IMAGE: &str = "drivetwin-pico.uf2";
-/// Label of the disk, and what its [`INFO`] says that the board is.
-const PICO: &str = "RPI-RP2";
+/// A board with a boot loader that takes a UF2.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Model {
+    name: &'static str,
+    /// Name of the file with all kinds of drive, as `cargo xtask uf2` writes it.
+    file: &'static str,
+    /// Label of the disk, and what its [`INFO`] says that the board is.
+    disk: &'static str,
+    /// Family of the chip in a UF2.
+    family: u32,
+    /// Size of the flash in bytes.
+    flash: u64,
+}
+
+/// The Raspberry Pi Pico.
+pub const PICO: Model =
+    Model { name: "Pico", file: "drivetwin-pico.uf2", disk: "RPI-RP2", family: 0xE48B_FF56, flash: 2 << 20 };
+
+/// The Raspberry Pi Pico 2.
+pub const PICO_2: Model = Model {
+    name: "Pico 2",
+    file: "drivetwin-pico2.uf2",
+    disk: "RP2350",
+    family: 0xE48B_FF59,
+    flash: 4 << 20,
+};
+
 /// File on the disk of each boot loader that takes UF2s.
 const INFO: &str = "INFO_UF2.TXT";
 /// Way to the boot loader, for a user.
@@ -23,30 +46,31 @@ const PIECE: usize = 64 << 10;
 const PAUSE: Duration = Duration::from_millis(100);
 const LOOKS: usize = 100;
 
-/// A UF2 for a Pico.
+/// A UF2 for a board.
 #[derive(Clone, Debug)]
 pub struct Image {
+    model: Model,
     path: PathBuf,
     bytes: Vec<u8>,
 }
 
 impl Image {
-    /// Reads a UF2 from a file; without a file, that which came with the program.
+    /// Reads a UF2 for a board from a file; without a file, that which came with the program.
     ///
     /// # Errors
-    /// One sentence: where the image was looked for, or why the file is no UF2 for a Pico.
-    pub fn read(file: Option<&Path>) -> Result<Self, String> {
-        /// Twice the flash, because a block of 512 bytes has 256 bytes of it.
-        const MOST: u64 = 2 * (2 << 20);
-        let path = file.map_or_else(beside_program, |file| Ok(file.to_owned()))?;
+    /// One sentence: where the image was looked for, or why the file is no UF2 for this board.
+    pub fn read(model: Model, file: Option<&Path>) -> Result<Self, String> {
+        // Twice the flash, because a block of 512 bytes has 256 bytes of it.
+        let most = 2 * model.flash;
+        let path = file.map_or_else(|| beside_program(model.file), |file| Ok(file.to_owned()))?;
         let mut bytes = Vec::new();
-        let read = File::open(&path).and_then(|file| file.take(MOST + 1).read_to_end(&mut bytes));
+        let read = File::open(&path).and_then(|file| file.take(most + 1).read_to_end(&mut bytes));
         read.map_err(|error| format!("{}: {error}", path.display()))?;
-        if bytes.len() as u64 > MOST {
-            return Err(format!("{} is larger than the flash of a Pico", path.display()));
+        if bytes.len() as u64 > most {
+            return Err(format!("{} is larger than the flash of a {}", path.display(), model.name));
         }
-        check(&bytes).map_err(|wrong| format!("{} {wrong}", path.display()))?;
-        Ok(Self { path, bytes })
+        check(model, &bytes).map_err(|wrong| format!("{} {wrong}", path.display()))?;
+        Ok(Self { model, path, bytes })
     }
 
     /// File of the image.
@@ -63,12 +87,12 @@ impl Image {
 }
 
 /// The image that came with the program: in its folder, in the share folder beside that, or in `target` of a clone.
-fn beside_program() -> Result<PathBuf, String> {
+fn beside_program(image: &str) -> Result<PathBuf, String> {
     let program =
         std::env::current_exe().map_err(|error| format!("the program does not find itself: {error}"))?;
     let folder = program.parent().unwrap_or(Path::new("."));
     let above = folder.parent().unwrap_or(folder);
-    let places = [folder.join(IMAGE), above.join("share/drivetwin").join(IMAGE), above.join(IMAGE)];
+    let places = [folder.join(image), above.join("share/drivetwin").join(image), above.join(image)];
     let found = places.iter().find(|place| place.is_file()).cloned();
     found.ok_or_else(|| {
         let [first, second, third] = places.each_ref().map(|place| place.display());
@@ -79,16 +103,15 @@ fn beside_program() -> Result<PathBuf, String> {
     })
 }
 
-/// Checks that all blocks of a file are those of a UF2 for a Pico (<https://github.com/microsoft/uf2>).
+/// Checks that all blocks of a file are those of a UF2 for a board (<https://github.com/microsoft/uf2>).
 ///
 /// # Errors
 /// The rest of a sentence about the file.
-fn check(bytes: &[u8]) -> Result<(), String> {
+fn check(Model { name, family: own, .. }: Model, bytes: &[u8]) -> Result<(), String> {
     const BLOCK: usize = 512;
     const MAGIC: [u32; 2] = [0x0A32_4655, 0x9E5D_5157];
     const LAST_MAGIC: u32 = 0x0AB1_6F30;
     const HAS_FAMILY: u32 = 0x2000;
-    const RP2040: u32 = 0xE48B_FF56;
     let word = |block: &[u8], at: usize| {
         block.get(at..).and_then(|bytes| bytes.first_chunk()).map_or(0, |word| u32::from_le_bytes(*word))
     };
@@ -107,10 +130,10 @@ fn check(bytes: &[u8]) -> Result<(), String> {
             return Err(format!("is damaged: its block {number} is not one of a UF2"));
         }
         let family = (word(block, 8) & HAS_FAMILY != 0).then(|| word(block, 28));
-        if family != Some(RP2040) {
+        if family != Some(own) {
             let family = family.map_or("none".to_owned(), |family| format!("{family:#010x}"));
             return Err(format!(
-                "is a UF2 for another chip: its family is {family}, that of a Pico is {RP2040:#010x}"
+                "is a UF2 for another chip: its family is {family}, that of a {name} is {own:#010x}"
             ));
         }
     }
@@ -142,32 +165,39 @@ impl Default for Places {
 }
 
 impl Places {
-    /// Disk of a Pico's boot loader, which a board that runs a drive is asked to start: the board at a place, or without a
-    /// place the only one that is plugged in, if no Pico is in its boot loader. `asked` is called with the place of the board
+    /// Disk of a board's boot loader, which a board that runs a drive is asked to start: the board at a place, or without a
+    /// place the only one that is plugged in, if none is in its boot loader. `asked` is called with the place of the board
     /// that was asked. The disk must come within 10 s.
     ///
     /// # Errors
     /// One sentence that says what to do: name a board, press a button, mount a disk, unplug a board.
-    pub fn disk(&self, board: Option<&BoardPlace>, asked: impl FnOnce(&str)) -> Result<Disk, String> {
-        self.disk_with(board, asked, || clock::sleep(PAUSE))
+    pub fn disk(
+        &self,
+        model: Model,
+        board: Option<&BoardPlace>,
+        asked: impl FnOnce(&str),
+    ) -> Result<Disk, String> {
+        self.disk_with(model, board, asked, || clock::sleep(PAUSE))
     }
 
     fn disk_with(
         &self,
+        model: Model,
         board: Option<&BoardPlace>,
         asked: impl FnOnce(&str),
         mut pause: impl FnMut(),
     ) -> Result<Disk, String> {
-        let place = match (self.find()?, board) {
+        let name = model.name;
+        let place = match (self.find(model)?, board) {
             (Some(disk), None) => return Ok(disk),
             (Some(disk), Some(_)) => {
                 let folder = disk.folder.display();
                 return Err(format!(
-                    "a Pico is in its boot loader already, at {folder}: leave out --board, or unplug that Pico"
+                    "a {name} is in its boot loader already, at {folder}: leave out --board, or unplug that {name}"
                 ));
             }
             (None, Some(place)) => place.clone(),
-            (None, None) => self.running_board()?,
+            (None, None) => self.running_board(name)?,
         };
         let place = board::start_boot_loader(&self.ports, &place);
         let place = place.map_err(|why| format!("{why}; to flash it, unplug it, and {BOOTSEL}"))?;
@@ -175,7 +205,7 @@ impl Places {
         // At first the disk may be there, but not mounted.
         let mut found = Ok(None);
         for _ in 0..LOOKS {
-            found = self.find();
+            found = self.find(model);
             if let Ok(Some(disk)) = found {
                 return Ok(disk);
             }
@@ -191,9 +221,9 @@ impl Places {
     ///
     /// # Errors
     /// One sentence: there is none, or there are several.
-    fn running_board(&self) -> Result<BoardPlace, String> {
+    fn running_board(&self, name: &str) -> Result<BoardPlace, String> {
         match &board::plugged(&self.ports)[..] {
-            [] => Err(format!("no Pico is in its boot loader: {BOOTSEL}")),
+            [] => Err(format!("no {name} is in its boot loader: {BOOTSEL}")),
             [serial] => Ok(BoardPlace::Usb(serial.clone())),
             several => Err(format!(
                 "several boards are plugged in: usb:{}; name one of them with --board",
@@ -202,31 +232,31 @@ impl Places {
         }
     }
 
-    /// Disk of the only Pico that is in its boot loader; `None` if there is no boot loader.
+    /// Disk of the only board of a model that is in its boot loader; `None` if there is no boot loader.
     ///
     /// # Errors
     /// One sentence that says what to do: mount a disk, unplug a board.
-    fn find(&self) -> Result<Option<Disk>, String> {
+    fn find(&self, Model { name, disk: label, .. }: Model) -> Result<Option<Disk>, String> {
         let disks: Vec<(Disk, String)> =
             self.disks().into_iter().filter_map(|disk| disk.board().map(|board| (disk, board))).collect();
-        let mut picos: Vec<&Disk> =
-            disks.iter().filter(|(_, board)| board == PICO).map(|(disk, _)| disk).collect();
-        if let (Some(pico), true) = (picos.pop(), picos.is_empty()) {
-            return Ok(Some(pico.clone()));
+        let mut own: Vec<&Disk> =
+            disks.iter().filter(|(_, board)| board == label).map(|(disk, _)| disk).collect();
+        if let (Some(disk), true) = (own.pop(), own.is_empty()) {
+            return Ok(Some(disk.clone()));
         }
-        if !picos.is_empty() {
+        if !own.is_empty() {
             return Err(format!(
                 "{} boards are in their boot loaders: leave one of them plugged in",
-                picos.len() + 1
+                own.len() + 1
             ));
         }
         if let Some((disk, board)) = disks.first() {
             let folder = disk.folder.display();
             return Err(format!(
-                "the boot loader at {folder} is that of a board {board}, and the image is for a Pico"
+                "the boot loader at {folder} is that of a board {board}, and the image is for a {name}"
             ));
         }
-        let device = self.labels.join(PICO);
+        let device = self.labels.join(label);
         if device.exists() {
             let device = fs::canonicalize(&device).unwrap_or(device);
             let device = device.display();
@@ -318,7 +348,7 @@ impl Disk {
         mut pause: impl FnMut(),
     ) -> Result<(), String> {
         let mut written = 0;
-        let copied = copy(&image.bytes, &self.folder.join(IMAGE), |bytes, is_synced| {
+        let copied = copy(&image.bytes, &self.folder.join(image.model.file), |bytes, is_synced| {
             written = bytes;
             if is_synced {
                 progress(bytes);
@@ -439,14 +469,14 @@ mod tests {
     }
 
     fn image(scratch: &Scratch, blocks: u8) -> Image {
-        Image::read(Some(&scratch.file("image.uf2", uf2(blocks)))).unwrap()
+        Image::read(PICO, Some(&scratch.file("image.uf2", uf2(blocks)))).unwrap()
     }
 
     #[test]
     fn a_file_that_is_no_uf2_for_a_pico_is_refused() {
         let scratch = Scratch::new("wrong");
         let whole = uf2(3);
-        assert_eq!(check(&whole), Ok(()));
+        assert_eq!(check(PICO, &whole), Ok(()));
         let with = |at: usize, byte: u8| {
             let mut wrong = whole.clone();
             wrong[at] = byte;
@@ -467,18 +497,44 @@ mod tests {
             (with(9, 0), "is a UF2 for another chip: its family is none, that of a Pico is 0xe48bff56"),
         ] {
             let path = scratch.file("wrong.uf2", wrong);
-            assert_eq!(Image::read(Some(&path)).unwrap_err(), format!("{} {expected}", path.display()));
+            assert_eq!(Image::read(PICO, Some(&path)).unwrap_err(), format!("{} {expected}", path.display()));
         }
         let large = scratch.file("large.uf2", vec![0; (4 << 20) + 1]);
-        let said = Image::read(Some(&large)).unwrap_err();
+        let said = Image::read(PICO, Some(&large)).unwrap_err();
         assert_eq!(said, format!("{} is larger than the flash of a Pico", large.display()));
-        let said = Image::read(Some(&scratch.0.join("none.uf2"))).unwrap_err();
+        let said = Image::read(PICO, Some(&scratch.0.join("none.uf2"))).unwrap_err();
         assert!(said.ends_with("none.uf2: No such file or directory (os error 2)"), "{said}");
     }
 
     #[test]
+    fn a_pico_2_has_a_file_and_a_disk_of_its_own() {
+        let scratch = Scratch::new("pico-2");
+        let mut bytes = uf2(2);
+        for block in bytes.chunks_mut(512) {
+            block[28] = 0x59;
+        }
+        let path = scratch.file("image.uf2", &bytes);
+        assert!(Image::read(PICO, Some(&path)).is_err());
+        let image = Image::read(PICO_2, Some(&path)).unwrap();
+        let said = Image::read(PICO_2, Some(&scratch.file("image-1.uf2", uf2(2)))).unwrap_err();
+        assert!(said.ends_with("its family is 0xe48bff56, that of a Pico 2 is 0xe48bff59"), "{said}");
+        let said = Image::read(PICO_2, None).unwrap_err();
+        assert_eq!(said.matches("/drivetwin-pico2.uf2").count(), 3, "{said}");
+
+        let other = scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
+        let said = scratch.places().find(PICO_2).unwrap_err();
+        assert!(said.contains(&format!("{}", other.display())) && said.ends_with("for a Pico 2"), "{said}");
+        let folder = scratch.disk("Volumes/RP2350", "RP2350");
+        let disk = scratch.places().find(PICO_2).unwrap().unwrap();
+        assert_eq!(disk.folder(), folder);
+        let taken = disk.flash_with(&image, |_| (), || drop(fs::remove_file(folder.join(INFO))));
+        assert_eq!(taken, Ok(()));
+        assert_eq!(fs::read(folder.join("drivetwin-pico2.uf2")).unwrap(), bytes);
+    }
+
+    #[test]
     fn without_an_image_it_is_said_where_it_was_looked_for() {
-        let said = Image::read(None).unwrap_err();
+        let said = Image::read(PICO, None).unwrap_err();
         assert_eq!(said.matches("/drivetwin-pico.uf2").count(), 3, "{said}");
         assert!(
             said.ends_with("`cargo xtask uf2` in a clone of drivetwin, and name it with --image"),
@@ -489,27 +545,27 @@ mod tests {
     #[test]
     fn a_disk_is_found_in_the_table_of_mounts_and_among_the_volumes() {
         let scratch = Scratch::new("found");
-        let folder = scratch.disk("my disks/RPI-RP2", PICO);
+        let folder = scratch.disk("my disks/RPI-RP2", "RPI-RP2");
         let escaped = folder.display().to_string().replace(' ', "\\040");
         scratch.file("mounts", format!("proc /proc proc rw 0 0\n/dev/sdx1 {escaped} vfat rw,nosuid 0 0\n"));
         let disk = Disk { folder, device: Some("/dev/sdx1".into()) };
-        assert_eq!(scratch.places().find(), Ok(Some(disk)));
+        assert_eq!(scratch.places().find(PICO), Ok(Some(disk)));
 
         let scratch = Scratch::new("volume");
-        let folder = scratch.disk("Volumes/RPI-RP2", PICO);
+        let folder = scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
         fs::create_dir_all(scratch.0.join("Volumes/Macintosh HD")).unwrap();
         let disk = Disk { folder, device: None };
-        assert_eq!(scratch.places().find(), Ok(Some(disk.clone())));
+        assert_eq!(scratch.places().find(PICO), Ok(Some(disk.clone())));
         // No board is asked.
-        assert_eq!(scratch.places().disk(None, |place| panic!("{place} was asked")), Ok(disk));
+        assert_eq!(scratch.places().disk(PICO, None, |place| panic!("{place} was asked")), Ok(disk));
     }
 
     #[test]
     fn without_the_disk_it_is_said_what_to_do() {
         let scratch = Scratch::new("none");
         let places = scratch.places();
-        assert_eq!(places.find(), Ok(None));
-        let disk = || places.disk(None, |place| panic!("{place} was asked")).unwrap_err();
+        assert_eq!(places.find(PICO), Ok(None));
+        let disk = || places.disk(PICO, None, |place| panic!("{place} was asked")).unwrap_err();
         assert_eq!(disk(), format!("no Pico is in its boot loader: {HOLD}"));
 
         // A board that is unplugged in this moment.
@@ -527,7 +583,7 @@ mod tests {
         let device = fs::canonicalize(device).unwrap();
         let device = device.display();
         assert_eq!(
-            places.find(),
+            places.find(PICO),
             Err(format!(
                 "the disk of the boot loader, {device}, is not mounted: mount it, for example with `udisksctl mount -b \
                  {device}`, and try again"
@@ -537,17 +593,17 @@ mod tests {
         let folder = scratch.disk("Volumes/RP2350", "RP2350");
         let folder = folder.display();
         assert_eq!(
-            places.find(),
+            places.find(PICO),
             Err(format!(
                 "the boot loader at {folder} is that of a board RP2350, and the image is for a Pico"
             ))
         );
 
-        scratch.disk("Volumes/RPI-RP2", PICO);
-        assert!(places.find().is_ok());
-        scratch.disk("Volumes/RPI-RP2 1", PICO);
+        scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
+        assert!(places.find(PICO).is_ok());
+        scratch.disk("Volumes/RPI-RP2 1", "RPI-RP2");
         assert_eq!(
-            places.find(),
+            places.find(PICO),
             Err("2 boards are in their boot loaders: leave one of them plugged in".to_owned())
         );
     }
@@ -573,6 +629,7 @@ mod tests {
         });
         let (mut asked, mut looks) = (Vec::new(), 0);
         let disk = scratch.places().disk_with(
+            PICO,
             Some(&board.place),
             |place| asked.push(place.to_owned()),
             || {
@@ -580,7 +637,7 @@ mod tests {
                 match looks {
                     // The disk is there, but not yet mounted.
                     2 => drop(scratch.file("labels/RPI-RP2", "")),
-                    4 => drop(scratch.disk("Volumes/RPI-RP2", PICO)),
+                    4 => drop(scratch.disk("Volumes/RPI-RP2", "RPI-RP2")),
                     _ => {}
                 }
             },
@@ -591,7 +648,7 @@ mod tests {
         assert_eq!(started.try_recv(), Ok(()));
 
         // A second board would be confused with the first one.
-        let said = scratch.places().disk(Some(&board.place), |_| ()).unwrap_err();
+        let said = scratch.places().disk(PICO, Some(&board.place), |_| ()).unwrap_err();
         let folder = scratch.0.join("Volumes/RPI-RP2");
         let expected = "leave out --board, or unplug that Pico";
         let expected = format!("a Pico is in its boot loader already, at {}: {expected}", folder.display());
@@ -608,6 +665,7 @@ mod tests {
             let board = running(|number| Act::Send(answer(number, Ok(Answer::Done))));
             let mut looks = 0;
             let said = scratch.places().disk_with(
+                PICO,
                 Some(&board.place),
                 |_| (),
                 || {
@@ -628,7 +686,7 @@ mod tests {
         let scratch = Scratch::new("refuses");
         let ask = |board: &Fake| {
             let never = || panic!("nothing is waited for");
-            scratch.places().disk_with(Some(&board.place), |_| never(), never).unwrap_err()
+            scratch.places().disk_with(PICO, Some(&board.place), |_| never(), never).unwrap_err()
         };
         let said = ask(&running(|number| Act::Send(answer(number, Err(Refused::NotHere)))));
         let expected = format!(" has no boot loader that it can start; to flash it, unplug it, and {HOLD}");
@@ -648,7 +706,7 @@ mod tests {
         let scratch = Scratch::new("copied");
         let image = image(&scratch, 200);
         for by_device in [true, false] {
-            let folder = scratch.disk("Volumes/RPI-RP2", PICO);
+            let folder = scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
             let device = scratch.file("sdx1", "");
             let disk = Disk { folder: folder.clone(), device: by_device.then(|| device.clone()) };
             let (mut steps, mut looks) = (Vec::new(), 0);
@@ -671,7 +729,7 @@ mod tests {
     #[test]
     fn a_board_that_does_not_restart_is_reported() {
         let scratch = Scratch::new("stays");
-        let disk = Disk { folder: scratch.disk("Volumes/RPI-RP2", PICO), device: None };
+        let disk = Disk { folder: scratch.disk("Volumes/RPI-RP2", "RPI-RP2"), device: None };
         let mut looks = 0;
         let said = disk.flash_with(&image(&scratch, 1), |_| (), || looks += 1).unwrap_err();
         assert!(said.ends_with("the board does not restart: unplug it, and plug it in again"), "{said}");
@@ -682,9 +740,9 @@ mod tests {
     fn a_disk_that_takes_nothing_is_reported_at_once() {
         let scratch = Scratch::new("full");
         let image = image(&scratch, 1);
-        let folder = scratch.disk("Volumes/RPI-RP2", PICO);
+        let folder = scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
         // A folder where the file should be.
-        fs::create_dir(folder.join(IMAGE)).unwrap();
+        fs::create_dir(folder.join("drivetwin-pico.uf2")).unwrap();
         let disk = Disk { folder: folder.clone(), device: None };
         let never = || panic!("nothing is waited for");
         let said = disk.flash_with(&image, |_| (), never).unwrap_err();

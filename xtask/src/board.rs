@@ -1,6 +1,6 @@
 //! The boards: their images, and the memory layout of the images.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail};
 use drivetwin_firmware::device::{Device, Framing, Spec};
@@ -25,6 +25,9 @@ pub(crate) struct Board {
     vectors: Option<u64>,
     /// Address of the start of RAM.
     ram: u64,
+    /// Parts of the names of functions that must be in RAM, as interrupts must, because flash cannot be read meanwhile.
+    /// `None` if the board runs from flash.
+    in_ram: Option<&'static [&'static str]>,
     /// True if the board has Ethernet, and therefore also images of the drives with TCP ports.
     has_ethernet: bool,
 }
@@ -37,6 +40,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         target: "thumbv7m-none-eabi",
         vectors: Some(0),
         ram: 0x2000_0000,
+        in_ram: None,
         has_ethernet: true,
     },
     Board {
@@ -46,6 +50,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         // The image runs from RAM, so the vector table is in RAM, after the stack.
         vectors: None,
         ram: 0x2000_0000,
+        in_ram: Some(&[]),
         has_ethernet: false,
     },
     Board {
@@ -55,6 +60,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         // The vector table is in RAM, as on the rp2040.
         vectors: None,
         ram: 0x2000_0000,
+        in_ram: Some(&["flash4Bank7command"]),
         has_ethernet: false,
     },
     Board {
@@ -63,6 +69,7 @@ pub(crate) const BOARDS: [Board; 4] = [
         target: "thumbv8m.main-none-eabi",
         vectors: None,
         ram: 0x2000_0000,
+        in_ram: Some(&[]),
         has_ethernet: false,
     },
 ];
@@ -74,6 +81,8 @@ const LINTED: &str = BOARDS[2].target;
 pub(crate) const LM3S6965: &Board = &BOARDS[0];
 /// The Raspberry Pi Pico.
 pub(crate) const RP2040: &Board = &BOARDS[1];
+/// The Raspberry Pi Pico 2.
+pub(crate) const RP2350: &Board = &BOARDS[3];
 
 /// Arguments of cargo that select all packages that run on a microcontroller with this target. The packages are
 /// always the same. For other packages cargo may select other features of the dependencies, and build the
@@ -88,17 +97,20 @@ pub(crate) fn bare(target: &'static str) -> Vec<&'static str> {
 }
 
 /// Lints the crates that only a board, or a linker, can build. All are linted for one processor, which has
-/// every instruction of the others. The profile is that of the boards, so that no other lane's lock on a
-/// profile folder has to be waited for.
+/// every instruction of the others, and that of the Pico and the Pico 2 also for the latter, which selects its chip. The
+/// profile is that of the boards, so that no other lane's lock on a profile folder has to be waited for.
 pub(crate) fn clippy(sh: &Shell) -> Result<()> {
-    let packages = BARE.iter().flat_map(|bare| ["--package", bare]);
-    let lint = || {
-        let packages = packages.clone();
-        cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {LINTED}")
+    let lint = |packages: &[&str], target: &str, logging: &[&str]| {
+        let packages = packages.iter().flat_map(|package| ["--package", package]);
+        let lint = cmd!(sh, "cargo clippy --profile {PROFILE} {packages...} --target {target}");
+        let logging = logging.iter().map(|package| format!("{package}/defmt")).collect::<Vec<_>>().join(",");
+        lint.args(["--features", &logging, "--", "-D", "warnings"]).run()
     };
-    let logging = BOARDS.map(|board| format!("{}/defmt", board.package)).join(",");
-    lint().args(["--", "-D", "warnings"]).run()?;
-    Ok(lint().args(["--features", &logging, "--", "-D", "warnings"]).run()?)
+    let (package, target) = (RP2350.package, RP2350.target);
+    lint(&BARE, LINTED, &[])?;
+    lint(&BARE, LINTED, &BOARDS.map(|board| board.package))?;
+    lint(&[package, "drivetwin-pico"], target, &[])?;
+    Ok(lint(&[package, "drivetwin-pico"], target, &[package])?)
 }
 
 /// Builds one image with logging for each board, because the linker scripts of the boards differ.
@@ -110,16 +122,6 @@ pub(crate) fn logging(sh: &Shell) -> Result<()> {
         // links the name to cargo's copy.
         board.build(sh, "md3")?;
     }
-    Ok(())
-}
-
-/// Builds the image whose USB ports send back what they receive, as `usb-echo` in the folder of the images.
-fn usb_echo(sh: &Shell, images: &Path) -> Result<()> {
-    let (bare, package) = (bare(RP2040.target), RP2040.package);
-    cmd!(sh, "cargo build --quiet {bare...} --features {package}/usb-echo --bin md3").run()?;
-    sh.copy_file(images.join("md3"), images.join("usb-echo"))?;
-    // As in `logging`.
-    RP2040.build(sh, "md3")?;
     Ok(())
 }
 
@@ -151,7 +153,11 @@ impl Board {
     pub(crate) fn image(&self, sh: &Shell, kind: &str) -> Result<Image> {
         let image = Image::of(sh, self.target, PROFILE, kind)?;
         let vectors = self.vectors.map_or_else(|| image.symbol("_stack_start"), Ok)?;
-        image.expect_map(vectors, self.ram).with_context(|| format!("{kind} on {}", self.name))?;
+        let name = || format!("{kind} on {}", self.name);
+        image.expect_map(vectors, self.ram).with_context(name)?;
+        if let Some(names) = self.in_ram {
+            image.expect_in_ram(self.ram, names).with_context(name)?;
+        }
         Ok(image)
     }
 
@@ -260,8 +266,7 @@ pub(crate) fn golden(sh: &Shell) -> Result<()> {
 /// Runs the tests that need the exact time of the emulated Pico.
 pub(crate) fn pico(sh: &Shell) -> Result<()> {
     let images = RP2040.all(sh)?;
-    let uf2 = uf2::write(sh)?;
-    usb_echo(sh, &images)?;
+    let uf2 = uf2::write(sh, &uf2::PICO)?;
     let host = host();
     let test = cmd!(sh, "cargo test {host...} --test pico -- --ignored --nocapture");
     Ok(test.env("DRIVETWIN_IMAGES", images).env("DRIVETWIN_UF2", uf2).run()?)

@@ -14,10 +14,11 @@ use crate::tools::{self, Tool, Tools};
 use crate::{board, crates, docs, panic_free, pico, python, size, swarm, uf2};
 
 /// Crates that only a board, or a linker, can build.
-pub(crate) const BARE: [&str; 6] = [
+pub(crate) const BARE: [&str; 7] = [
     "counted",
     "panic-free",
     "drivetwin-lm3s6965",
+    "drivetwin-pico",
     "drivetwin-rp2040",
     "drivetwin-rp2350",
     "drivetwin-stm32f4",
@@ -297,7 +298,7 @@ fn foreign(sh: &Shell, which: &[&str]) -> Result<()> {
 /// UF2.
 fn pico_usb(sh: &Shell) -> Result<()> {
     board::RP2040.all(sh)?;
-    uf2::write(sh)?;
+    uf2::write(sh, &uf2::PICO)?;
     let package = python::with_masters(sh)?;
     let _with_package = sh.push_env("DRIVETWIN_PYTEST", package);
     foreign(sh, &[PICO_USB])

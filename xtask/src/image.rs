@@ -1,8 +1,8 @@
 //! Reads linked programs (ELF files).
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use object::read::elf::{ElfFile32, ProgramHeader as _};
-use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, elf};
+use object::{Endianness, Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, SymbolKind, elf};
 use xshell::Shell;
 
 use crate::checks::target_dir;
@@ -77,6 +77,54 @@ impl Image {
         }
         let begins_with = begins_with.and_then(|bytes| bytes.first_chunk()).copied().map(u32::from_le_bytes);
         ensure!(begins_with.map(u64::from) == Some(top), "the processor does not begin with that stack");
+        Ok(())
+    }
+
+    /// Fails if an interrupt, or a function with one of `names` in its name, calls a function outside RAM: its call would wait
+    /// while flash is erased. Only calls by name are seen.
+    pub(crate) fn expect_in_ram(&self, ram: u64, names: &[&str]) -> Result<()> {
+        let file = self.file()?;
+        let functions: Vec<_> = file
+            .symbols()
+            .filter(|symbol| symbol.kind() == SymbolKind::Text && symbol.size() > 0)
+            .map(|symbol| (symbol.address() & !1, symbol.size(), symbol.name().unwrap_or_default()))
+            .collect();
+        let table = self.symbol("__vector_table")?;
+        let code = |at: u64, size: u64| {
+            file.sections().find_map(|section| section.data_range(at, size).ok().flatten())
+        };
+        // Vectors begin behind the stack pointer and the reset; the code begins behind them.
+        let first = self.symbol("Reset")? & !1;
+        let vectors = code(table, first.saturating_sub(table)).context("there is no vector table")?;
+        let vectors =
+            vectors.as_chunks().0.iter().skip(2).map(|word| u64::from(u32::from_le_bytes(*word)) & !1);
+        let mut waiting: Vec<u64> = vectors.filter(|vector| *vector != 0).collect();
+        for name in names {
+            let before = waiting.len();
+            waiting.extend(functions.iter().filter(|(.., of)| of.contains(name)).map(|(at, ..)| *at));
+            ensure!(waiting.len() > before, "there is no function `{name}`");
+        }
+        let mut seen = Vec::new();
+        while let Some(at) = waiting.pop() {
+            let within = |(begin, size, _): &&(u64, u64, &str)| (*begin..*begin + *size).contains(&at);
+            let Some(&(begin, size, name)) = functions.iter().find(within) else {
+                bail!("there is no function at {at:#x}, which an interrupt calls")
+            };
+            ensure!(
+                begin >= ram && !name.contains("Thunk"),
+                "{name} does not run from RAM, and an interrupt calls it"
+            );
+            if seen.contains(&begin) {
+                continue;
+            }
+            seen.push(begin);
+            let bytes = code(begin, size).with_context(|| format!("{name} has no code"))?;
+            let calls = (begin..).step_by(2).zip(bytes.windows(4).step_by(2));
+            let inside = begin..begin + size;
+            let calls = calls.filter_map(|(at, code)| branch(at, code)).filter(|to| !inside.contains(to));
+            // A constant within the code may look like a call, but hardly like one of the beginning of a function.
+            waiting.extend(calls.filter(|to| functions.iter().any(|(begin, ..)| begin == to)));
+        }
         Ok(())
     }
 

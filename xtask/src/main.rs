@@ -9,7 +9,7 @@
 //! cargo xtask size    measure what each drive costs on each board, and print it
 //! cargo xtask soak    run the property tests with many new cases
 //! cargo xtask swarm   run random benches under an oracle
-//! cargo xtask uf2     write a UF2 with an image of each kind for the Raspberry Pi Pico
+//! cargo xtask uf2     write a UF2 with an image of each kind for the Raspberry Pi Pico, and one for the Pico 2
 //! cargo xtask words   count doc comments whose first word does not say the thing itself
 //! ```
 
@@ -52,7 +52,8 @@ usage: cargo xtask <command>
   soak    run the property tests with so many new cases each: `soak 20000`
   swarm   run random benches under an oracle: `swarm --minutes 10`, `swarm --seed 7`, `swarm --help`;
           `swarm --planted`: how soon it finds each of the defects in tests/swarm/planted
-  uf2     write target/drivetwin-pico.uf2, which has every kind of drive for a Raspberry Pi Pico
+  uf2     write target/drivetwin-pico.uf2 and drivetwin-pico2.uf2, which have every kind of drive for a Raspberry Pi
+          Pico and a Pico 2
   words   print how many doc comments begin with a question or a pronoun, by crate; `words --list`: which
 ";
 

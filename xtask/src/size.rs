@@ -8,7 +8,7 @@ use crate::budgets::{BUDGETS, Budget, NO_BUDGET, PLACES};
 use crate::counted::{self, Counting, Group, PROCESSORS, PROGRAMS, Processor};
 use crate::image::Sizes;
 use crate::tools::{Tool, Tools};
-use crate::{interrupts, panic_free};
+use crate::{interrupts, panic_free, uf2};
 
 /// Tools for measuring.
 pub(crate) const NEEDS: [Tool; 3] = [Tool::ThumbTargets, Tool::Counting, Tool::Node];
@@ -26,6 +26,8 @@ pub(crate) fn check(sh: &Shell) -> Result<()> {
     for board in &BOARDS {
         board.all(sh)?;
     }
+    // No test needs this file, so its sizes are checked here.
+    uf2::write(sh, &uf2::PICO_2)?;
     for Processor { target, .. } in &PROCESSORS {
         panic_free::link(sh, target, &[])?;
     }

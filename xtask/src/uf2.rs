@@ -1,4 +1,4 @@
-//! A UF2 for the Raspberry Pi Pico with every kind of drive (BOARD-13).
+//! A UF2 for the Raspberry Pi Pico with every kind of drive (BOARD-13), and one for the Pico 2.
 
 use std::path::PathBuf;
 
@@ -6,10 +6,23 @@ use anyhow::{Context, Result, bail, ensure};
 use drivetwin_board::{Directory, Image, sum};
 use xshell::Shell;
 
-use crate::board::{PROFILE, RP2040, kinds};
+use crate::board::{Board, PROFILE, RP2040, RP2350, kinds};
 use crate::checks::target_dir;
 use crate::image;
 use crate::tools::{Tool, Tools};
+
+/// A file for a board.
+pub(crate) struct Uf2 {
+    board: &'static Board,
+    file: &'static str,
+    /// Family of the chip, in the list of families of the format.
+    family: u32,
+}
+
+/// The file for the Pico.
+pub(crate) const PICO: Uf2 = Uf2 { board: RP2040, file: "drivetwin-pico.uf2", family: 0xE48B_FF56 };
+/// The file for the Pico 2, for its Arm processors in the secure state.
+pub(crate) const PICO_2: Uf2 = Uf2 { board: RP2350, file: "drivetwin-pico2.uf2", family: 0xE48B_FF59 };
 
 /// Program before the images, which starts one of them.
 const SELECTOR: &str = "selector";
@@ -25,15 +38,17 @@ pub(crate) fn print(sh: &Shell) -> Result<()> {
     if let Some(remedy) = Tools::default().missing(sh, &[Tool::ThumbTargets]) {
         bail!("{remedy}");
     }
-    RP2040.all(sh)?;
-    write(sh)?;
+    for uf2 in [PICO, PICO_2] {
+        uf2.board.all(sh)?;
+        write(sh, &uf2)?;
+    }
     Ok(())
 }
 
-/// Writes the UF2 of all images, which must be built, and prints the sizes. Returns its path.
-pub(crate) fn write(sh: &Shell) -> Result<PathBuf> {
-    RP2040.build(sh, SELECTOR)?;
-    let selector = image::Image::of(sh, RP2040.target, PROFILE, SELECTOR)?;
+/// Writes the UF2 of all images of a board, which must be built, and prints the sizes. Returns its path.
+pub(crate) fn write(sh: &Shell, &Uf2 { board, file, family }: &Uf2) -> Result<PathBuf> {
+    board.build(sh, SELECTOR)?;
+    let selector = image::Image::of(sh, board.target, PROFILE, SELECTOR)?;
     let directory_at = offset(&selector, "__directory")?;
     let most = offset(&selector, "__kept")?;
     let mut flash = selector.flashed(FLASH)?;
@@ -41,8 +56,8 @@ pub(crate) fn write(sh: &Shell) -> Result<PathBuf> {
     flash.resize(directory_at + Directory::BYTES, 0xFF);
 
     let mut images = Vec::new();
-    for kind in kinds().into_iter().filter(|kind| RP2040.carries(kind)) {
-        let words = words(&RP2040.image(sh, kind)?).with_context(|| kind)?;
+    for kind in kinds().into_iter().filter(|kind| board.carries(kind)) {
+        let words = words(&board.image(sh, kind)?).with_context(|| kind)?;
         flash.resize(flash.len().next_multiple_of(ALIGNMENT), 0xFF);
         let (offset, bytes) = (u32::try_from(flash.len())?, u32::try_from(size_of_val(words.as_slice()))?);
         println!("{kind:<12} {bytes:>8} bytes at {:#010x}", FLASH + offset);
@@ -54,8 +69,8 @@ pub(crate) fn write(sh: &Shell) -> Result<PathBuf> {
     flash.resize(flash.len().next_multiple_of(SECTOR), 0xFF);
     ensure!(flash.len() <= most, "the images need {} bytes of flash, and there are {most}", flash.len());
 
-    let path = target_dir(sh).join("drivetwin-pico.uf2");
-    let file = blocks::write(FLASH, &flash)?;
+    let path = target_dir(sh).join(file);
+    let file = blocks::write(family, FLASH, &flash)?;
     println!("{:<12} {:>8} bytes of {most} bytes of flash", "in all", flash.len());
     println!("{}: {} bytes", path.display(), file.len());
     sh.write_file(&path, file)?;
@@ -90,17 +105,16 @@ mod blocks {
     const LAST_MAGIC: u32 = 0x0AB1_6F30;
     /// The last word of the header is a family.
     const HAS_FAMILY: u32 = 0x0000_2000;
-    const RP2040: u32 = 0xE48B_FF56;
 
-    /// The blocks with `bytes` from an address on.
-    pub(super) fn write(address: u32, bytes: &[u8]) -> Result<Vec<u8>> {
+    /// The blocks with `bytes` from an address on, for a family of chips.
+    pub(super) fn write(family: u32, address: u32, bytes: &[u8]) -> Result<Vec<u8>> {
         let pieces = bytes.chunks(PAYLOAD);
         let count = u32::try_from(pieces.len())?;
         let mut blocks = Vec::with_capacity(pieces.len() * BLOCK);
         for (number, piece) in (0..).zip(pieces) {
             let at = address.checked_add(number * PAYLOAD as u32).context("the image is too long")?;
             let [first, second] = MAGIC;
-            let header = [first, second, HAS_FAMILY, at, PAYLOAD as u32, number, count, RP2040];
+            let header = [first, second, HAS_FAMILY, at, PAYLOAD as u32, number, count, family];
             let mut block = [0; BLOCK];
             for (place, byte) in block.iter_mut().zip(header.into_iter().flat_map(u32::to_le_bytes)) {
                 *place = byte;
@@ -122,7 +136,7 @@ mod blocks {
         fn a_block_has_the_header_of_the_specification() {
             let mut image = vec![0x11; 256];
             image.push(0x22);
-            let blocks = write(0x1000_0100, &image).expect("two blocks");
+            let blocks = write(0xE48B_FF56, 0x1000_0100, &image).expect("two blocks");
             assert_eq!(blocks.len(), 1_024);
             assert_eq!(blocks[..8], *b"UF2\n\x57\x51\x5D\x9E");
             assert_eq!(blocks[8..12], [0x00, 0x20, 0x00, 0x00], "flags");

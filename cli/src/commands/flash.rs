@@ -1,6 +1,6 @@
 //! `drivetwin flash`: copies an image to the boot loader of a board.
 
-use drivetwin_host::boot_loader::{Image, Places};
+use drivetwin_host::boot_loader::{Image, PICO, PICO_2, Places};
 
 use crate::args::{Board, Flash};
 
@@ -11,9 +11,12 @@ use super::print;
 /// # Errors
 /// One sentence that says what is wrong with the image, or what to do to get the board's boot loader.
 pub(crate) fn flash(options: &Flash) -> Result<(), String> {
-    let Board::Pico = options.board;
-    let image = Image::read(options.image.as_deref())?;
-    let disk = Places::default().disk(options.device.as_ref(), |place| {
+    let model = match options.board {
+        Board::Pico => PICO,
+        Board::Pico2 => PICO_2,
+    };
+    let image = Image::read(model, options.image.as_deref())?;
+    let disk = Places::default().disk(model, options.device.as_ref(), |place| {
         // The copy goes on, also if nobody reads.
         let _ = print(&format!("the board at {place} starts its boot loader\n"));
     })?;

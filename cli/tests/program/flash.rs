@@ -12,5 +12,5 @@ fn what_is_no_image_for_a_pico_is_refused_before_a_board_is_looked_for() {
     let said = refused(&["flash", "pico", "--image", &missing]);
     assert_eq!(said, format!("{missing}: No such file or directory (os error 2)"));
     let said = refused(&["flash", "uno"]);
-    assert!(said.starts_with("invalid value 'uno' for '<BOARD>' [possible values: pico]"), "{said}");
+    assert!(said.starts_with("invalid value 'uno' for '<BOARD>' [possible values: pico, pico2]"), "{said}");
 }

@@ -2,7 +2,7 @@
 
 /// Drives whose stack does not have the size that `black_pill.x` gives, and the size in bytes. These drives
 /// keep a large memory on the stack.
-const STACKS: [(&str, u32); 2] = [("rs434544", 18 << 10), ("rs434546", 18 << 10)];
+const STACKS: [(&str, u32); 2] = [("rs434544", 33 << 10), ("rs434546", 33 << 10)];
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();

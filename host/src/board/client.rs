@@ -397,6 +397,7 @@ impl Worker {
 
     /// Serves a connection until it breaks, and closes it. Returns `None` if the client ends.
     fn serve(&mut self, mut connected: Connected) -> Option<End> {
+        let mut is_asked_for = false;
         let broken = loop {
             if let Err(error) = connected.link.wait(&self.shared.waker, connected.patience()) {
                 break error.to_string();
@@ -417,6 +418,7 @@ impl Worker {
                 break "it does not answer".into();
             }
             if !connected.take(&self.from) {
+                is_asked_for = true;
                 break "it starts again".into();
             }
             if let Err(error) = connected.send() {
@@ -426,7 +428,11 @@ impl Worker {
         let sentence = format!("the board at {} cannot be reached: {broken}", self.target);
         self.shared.set(Err(sentence.clone()));
         connected.end(&sentence);
-        warn!("{sentence}; it is connected again when it is back");
+        if is_asked_for {
+            info!("the board at {} starts again", self.target);
+        } else {
+            warn!("{sentence}; it is connected again when it is back");
+        }
         (self.sink)(Report::Gone);
         Some((connected.session.base, connected.last))
     }

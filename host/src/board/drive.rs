@@ -176,13 +176,15 @@ impl Drive {
         Ok(())
     }
 
-    /// Makes the board a drive of this kind, and waits until it has started.
+    /// Makes the board a drive of this kind, and waits until it has started. A drive of this kind goes on.
     ///
     /// # Errors
     /// There is no such kind, the board cannot be it, or does not come back in time.
     pub fn choose(&self, kind: &str) -> Result<(), Refusal> {
         catalog::make(kind).map_err(Refusal::Unknown)?;
+        let is_same = kind == self.session.spec.kind;
         match self.answer(Call::Become(kind)) {
+            Ok(_) | Err(Failure::Refused(Refused::NotHere)) if is_same => return Ok(()),
             Ok(_) => self.shared.reconnect(),
             Err(Failure::Refused(Refused::Unknown | Refused::NotHere)) => {
                 let kinds = self.kinds()?;
@@ -195,7 +197,7 @@ impl Drive {
                 }));
             }
             Err(failure @ Failure::Refused(_)) => return Err(self.refusal(failure)),
-            // The board starts again without an answer.
+            // The board has started again before its answer came.
             Err(Failure::Away(_)) => {}
         }
         let session = self.shared.session_after(self.session.number, STARTED).map_err(Refusal::Away)?;

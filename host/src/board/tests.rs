@@ -344,4 +344,5 @@ fn refusals_are_sentences() {
     assert!(matches!(&unknown, Refusal::Unknown(sentence) if sentence.contains("md3")), "{unknown}");
     let kind = drive.choose("qsb-d").unwrap_err().to_string();
     assert_eq!(kind, "the image of this board is one kind only, md3; flash another image");
+    assert_eq!(drive.choose("md3"), Ok(()), "the board is one already");
 }

@@ -11,6 +11,7 @@ use drivetwin_protocol::modbus::rtu;
 use drivetwin_tests::{md3, rs434};
 use embedded_storage_async::nor_flash::NorFlashErrorKind;
 
+use crate::motion::{MOVE, STEPS};
 use crate::play::{Drive, MS, Nanos, OutputRecord, Run, Script};
 use crate::{expect_written, image, pin, value, write};
 
@@ -247,6 +248,68 @@ fn reply<T>(run: &Run, at: Nanos, judge: impl FnOnce(Result<Answer<'_>, Refused>
     panic!("no reply at {at} ns: {:?}", run.usb)
 }
 
+/// Line of each kind at its first start, as in docs/how-to/each-drive.md.
+fn line(kind: &str) -> &'static str {
+    match kind {
+        "md3" | "md3-low" => "9600 8E1",
+        "mdrobot" => "19200 8N1",
+        "rs434544" | "rs434546" => "115200 8E1",
+        _ => "230400 8N1",
+    }
+}
+
+/// Times of the first answers of control and of the bus, if a program opens both ports as soon as the computer has
+/// configured the device, and the cable is plugged in at `plugged`.
+fn first_answers(kind: &str, flash: &Path, plugged: Nanos) -> [Nanos; 2] {
+    let mut script = Script::fast();
+    script.at(plugged, "usb plug");
+    let end = plugged + 2 * PLUGGED;
+    let run = script.play_on(flash, &uf2(), end);
+    let configured = run.usb.iter().find(|(_, what)| what == "configured").expect("it is configured").0;
+    let (request, answer) = first(kind);
+    script.at(configured, format_args!("usb line {}", line(kind)));
+    script.at(configured, "usb open bus");
+    script.at(configured, "usb open control");
+    ask(&mut script, configured, Call::Hello);
+    // The host makes its requests for the line first, and a master waits until the port is open.
+    script.send(configured + 2 * MS, "bus", &request);
+    let run = script.play_on(flash, &uf2(), end);
+    let came = |port| {
+        run.usb
+            .iter()
+            .find(|(_, what)| what.starts_with(port))
+            .unwrap_or_else(|| panic!("{kind}: no answer: {:?}", run.usb))
+            .0
+    };
+    let [control, bus] = ["control ", "bus "].map(came);
+    reply(&run, control, |answer| {
+        assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: k, .. })) if k == kind));
+    });
+    assert!(run.got("bus ", bus, end).ends_with(&answer), "{kind}");
+    [control - plugged, bus - plugged]
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn the_first_answers_come_soon_after_plugging_in() {
+    println!("time from plugging in to the first answers of control and of the bus, in ms:");
+    let ms = |at: Nanos| at as f64 / MS as f64;
+    for (kind, ..) in kinds() {
+        let flash = flash(&format!("plugged-{kind}"), &[kind]);
+        let [control, bus] = first_answers(kind, &flash, 0);
+        let [later, bus_later] = first_answers(kind, &flash, 1_000 * MS);
+        println!(
+            "  {kind:<9} {:5.1} and {:5.1} with its power, {:5.1} and {:5.1} if it has power before",
+            ms(control),
+            ms(bus),
+            ms(later),
+            ms(bus_later)
+        );
+        assert!(control <= 210 * MS && bus <= 220 * MS, "{kind}");
+        assert!(later <= 130 * MS && bus_later <= 150 * MS, "{kind}");
+    }
+}
+
 #[test]
 #[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
 fn a_board_names_its_kinds_and_refuses_others() {
@@ -276,14 +339,75 @@ fn a_kind_that_is_chosen_over_the_cable_starts_at_once_and_after_each_power_on()
     let mut script = calling(Call::Become("mdrobot"));
     // The computer finds the board again.
     let again = asked + 2 * PLUGGED;
+    ask(&mut script, asked + 70 * MS, Call::Hello);
     script.at(again, "usb open control");
     ask(&mut script, again + CALL, Call::Hello);
+    // Until the board starts again, it answers nothing more.
     let run = script.play_on(&flash, &uf2(), again + 2 * CALL);
-    assert!(run.did.iter().any(|(_, did)| *did == OutputRecord::Watchdog), "{:?}", run.did);
+    let reset = run.did.iter().find(|(_, did)| *did == OutputRecord::Watchdog).expect("it starts again").0;
+    let got: Vec<Nanos> =
+        run.usb.iter().filter(|(_, what)| what.starts_with("control ")).map(|(at, _)| *at).collect();
+    let [replied, ..] = got[..] else { panic!("no reply: {:?}", run.usb) };
+    reply(&run, replied, |answer| assert_eq!(answer, Ok(Answer::Done)));
+    assert!((45 * MS..55 * MS).contains(&(reset - replied)), "reply at {replied} ns, reset at {reset} ns");
+    assert!(!got.iter().any(|at| (replied + 1..reset).contains(at)), "{:?}", run.usb);
+    println!(
+        "the reply comes {} ms after the call, and the reset {} ms after it",
+        (replied - asked) / MS,
+        (reset - replied) / MS
+    );
     reply(&run, again + CALL, |answer| {
         assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: "mdrobot", .. }))), "{answer:?}");
     });
     expect_kind("mdrobot", &flash, &uf2());
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn a_change_of_the_kind_ends_the_motion() {
+    let mut script = Script::fast();
+    script.at(0, "usb plug");
+    script.at(PLUGGED, "usb open control");
+    let asked = write(&mut script, PLUGGED + CALL, &MOVE);
+    script.hear(asked, &rtu::write(1, md3::at::MOTION, md3::bit::MOVE));
+    let called = asked + 200 * MS;
+    ask(&mut script, called, Call::Become("qsb-d"));
+    let run = script.play_on(&flash("moving", &[]), &uf2(), called + PLUGGED);
+    let replied = run.usb.iter().find(|(_, what)| what.starts_with("control ")).expect("a reply").0;
+    let steps = run.edges(pin::STEP, Drive::High);
+    let (first, last) = (steps[0], steps[steps.len() - 1]);
+    assert!(
+        (asked..called).contains(&first) && steps.len() < STEPS as usize,
+        "{} steps from {first} ns on",
+        steps.len()
+    );
+    assert!(
+        (called..=replied).contains(&last),
+        "called at {called} ns, last step at {last}, reply at {replied}"
+    );
+}
+
+#[test]
+#[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
+fn a_kind_that_the_board_has_already_is_stored_and_the_drive_goes_on() {
+    let flash = flash("the-same", &[]);
+    let (asked, read) = (PLUGGED + CALL, PLUGGED + CALL + 200 * MS);
+    let mut script = Script::fast();
+    script.at(0, "usb plug");
+    script.hear(START, &rtu::write(1, md3::at::USER, 0x1234));
+    call_on(&mut script, Call::Become("md3"));
+    script.hear(read, &rtu::read(1, md3::at::USER, 1));
+    let run = script.play_on(&flash, &uf2(), read + TURN);
+    let replied = run.usb.iter().find(|(_, what)| what.starts_with("control ")).expect("a reply").0;
+    reply(&run, replied, |answer| assert_eq!(answer, Ok(Answer::Done)));
+    assert!(
+        asked < replied && !run.did.iter().any(|(_, did)| *did == OutputRecord::Watchdog),
+        "{:?}",
+        run.did
+    );
+    assert_eq!(value(&run, read), 0x1234, "the drive has kept its power");
+    CHIP.with_borrow_mut(|(bytes, _)| *bytes = fs::read(&flash).expect("the flash"));
+    assert_eq!(Choice::last(CHOICES, Chip::read).as_ref().and_then(Choice::kind), Some("md3"));
 }
 
 #[test]
@@ -325,6 +449,7 @@ fn is_new(script: &Script, cut: u64, flash: &Path) -> bool {
 #[ignore = "needs the emulator and the UF2 of all kinds: `cargo xtask test` brings both"]
 fn the_boot_loader_starts_over_the_cable() {
     let run = calling(Call::Bootloader).play(&uf2(), PLUGGED + 300 * CALL);
+    reply(&run, PLUGGED + CALL, |answer| assert_eq!(answer, Ok(Answer::Done)));
     assert!(matches!(run.did[..], [.., (_, OutputRecord::BootLoader(LIGHT_BIT))]), "{:?}", run.did);
 }
 

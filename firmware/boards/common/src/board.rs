@@ -1,6 +1,5 @@
 //! A board, and the loop that runs a drive on it.
 
-use core::convert::Infallible;
 use core::marker::PhantomData;
 
 use drivetwin_control::Refused;
@@ -17,6 +16,9 @@ use crate::slips;
 use crate::station::{Station, TRACE};
 use crate::tap::Tap;
 use crate::wire::{AxisPins, End, is_full_duplex};
+
+/// A function that ends this image: it starts the board again, or its boot loader.
+pub type Leave = fn() -> !;
 
 /// A board with one bus, one axis, and pins that are wired to those of a drive.
 pub trait Board {
@@ -75,19 +77,20 @@ pub trait Board {
         None
     }
 
-    /// Stores that the board is a drive of this kind from its next start on, and starts the board again.
+    /// Stores that the board is a drive of this kind, one of [`kind`](Self::kind), from its next start on. Returns the
+    /// function that starts the board again.
     ///
     /// # Errors
-    /// The board cannot be a drive of this kind, or the flash does not take the choice.
-    fn choose(_kind: &str) -> Result<Infallible, Refused> {
+    /// The board cannot be a drive of another kind, or the flash does not take the choice.
+    fn choose(_kind: &str) -> Result<Leave, Refused> {
         Err(Refused::NotHere)
     }
 
-    /// Starts the boot loader, which takes a new image.
+    /// The function that starts the boot loader, which takes a new image.
     ///
     /// # Errors
     /// The board has none that it can start.
-    fn start_boot_loader() -> Result<Infallible, Refused> {
+    fn boot_loader() -> Result<Leave, Refused> {
         Err(Refused::NotHere)
     }
 

@@ -6,6 +6,7 @@ use core::ops::Range;
 
 use drivetwin_firmware::device::Line;
 use drivetwin_protocol::line::Parity;
+use usb_device::UsbDirection;
 use usb_device::class_prelude::*;
 use usb_device::control::{Recipient, Request, RequestType};
 use usb_device::device::DEFAULT_ALTERNATE_SETTING;
@@ -32,13 +33,29 @@ const SET_CONTROL_LINE_STATE: u8 = 0x22;
 /// Settings of the line (PSTN 6.3.11): 9600 8N1, until the computer sets others.
 const CODING: [u8; 7] = [0x80, 0x25, 0, 0, 0, 0, 8];
 
+/// Endpoints of a serial port.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Endpoints {
+    /// Address of the endpoint for notifications. None is ever sent, but a computer wants to see an endpoint. It may be one
+    /// of packets from the computer (BOARD-20).
+    pub notifications: u8,
+    /// Number of the two endpoints for data.
+    pub data: u8,
+}
+
+/// The endpoint for notifications.
+enum Notifications<'a, B: UsbBus> {
+    ToComputer(EndpointIn<'a, B>),
+    FromComputer(EndpointOut<'a, B>),
+}
+
 /// A serial port of a USB device, with a name. Without handshake, breaks and modem signals other than DTR.
 pub struct UsbSerial<'a, B: UsbBus> {
     control: InterfaceNumber,
     data: InterfaceNumber,
     label: StringIndex,
     name: &'static str,
-    notifications: EndpointIn<'a, B>,
+    notifications: Notifications<'a, B>,
     input: EndpointOut<'a, B>,
     output: EndpointIn<'a, B>,
     coding: Option<[u8; 7]>,
@@ -50,22 +67,35 @@ pub struct UsbSerial<'a, B: UsbBus> {
 }
 
 impl<'a, B: UsbBus> UsbSerial<'a, B> {
-    /// The next serial port of a device: two interfaces, and three endpoints.
-    pub fn new(allocator: &'a UsbBusAllocator<B>, name: &'static str) -> Self {
-        Self {
+    /// The next serial port of a device: two interfaces, and three endpoints. Returns `None` if the controller does not have
+    /// these endpoints.
+    pub fn new(
+        allocator: &'a UsbBusAllocator<B>,
+        name: &'static str,
+        Endpoints { notifications, data }: Endpoints,
+    ) -> Option<Self> {
+        let notifications = EndpointAddress::from(notifications);
+        let (kind, at) = (EndpointType::Interrupt, Some(notifications));
+        let notifications = if notifications.is_in() {
+            Notifications::ToComputer(allocator.alloc(at, kind, 8, 255).ok()?)
+        } else {
+            Notifications::FromComputer(allocator.alloc(at, kind, 8, 255).ok()?)
+        };
+        let at = |direction| Some(EndpointAddress::from_parts(data.into(), direction));
+        Some(Self {
             control: allocator.interface(),
             data: allocator.interface(),
             label: allocator.string(),
             name,
-            notifications: allocator.interrupt(8, 255),
-            input: allocator.bulk(PACKET as u16),
-            output: allocator.bulk(PACKET as u16),
+            notifications,
+            input: allocator.alloc(at(UsbDirection::Out), EndpointType::Bulk, PACKET as u16, 0).ok()?,
+            output: allocator.alloc(at(UsbDirection::In), EndpointType::Bulk, PACKET as u16, 0).ok()?,
             coding: None,
             dtr: false,
             was_closed: false,
             packet: [0; PACKET],
             unread: 0..0,
-        }
+        })
     }
 
     /// Takes bytes that the computer has sent. Returns their number. The computer cannot send the next packet until all of
@@ -162,7 +192,10 @@ impl<B: UsbBus> UsbClass<B> for UsbSerial<'_, B> {
         writer.write(FUNCTIONAL, &[0x02, 0x02])?;
         // CDC 5.2.3.2: the two interfaces belong together.
         writer.write(FUNCTIONAL, &[0x06, control, data])?;
-        writer.endpoint(&self.notifications)?;
+        match &self.notifications {
+            Notifications::ToComputer(endpoint) => writer.endpoint(endpoint)?,
+            Notifications::FromComputer(endpoint) => writer.endpoint(endpoint)?,
+        }
         writer.interface(self.data, DATA, NONE, NONE)?;
         writer.endpoint(&self.output)?;
         writer.endpoint(&self.input)

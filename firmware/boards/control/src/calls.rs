@@ -106,10 +106,11 @@ pub enum Call<'a> {
     Trace(bool),
     /// Name of a kind of drive that the board can be, by its number from 0 on: [`Answer::Kind`].
     Kind(u8),
-    /// Makes the board a drive of this kind, now and after its own power-on. The board starts again: its motion ends as if
-    /// its power failed, and the connection breaks.
+    /// Makes the board a drive of this kind, now and after its own power-on. A drive of another kind stops, as if its power
+    /// failed, and the board starts again 50 ms after its reply. Until then it answers nothing more; then the connection
+    /// breaks. A drive of this kind goes on.
     Become(&'a str),
-    /// Starts the boot loader, which takes a new image. The connection breaks.
+    /// Starts the boot loader, which takes a new image. The drive stops and the board ends as after [`Call::Become`].
     Bootloader,
 }
 

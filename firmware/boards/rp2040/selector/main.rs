@@ -5,4 +5,4 @@
 /// Entry that the second stage of the boot jumps to, behind the stack pointer (`selector.x`).
 #[unsafe(link_section = ".start")]
 #[used]
-static START: extern "C" fn() -> ! = drivetwin_rp2040::select;
+static START: extern "C" fn() -> ! = drivetwin_pico::select;

@@ -6,7 +6,7 @@
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use drivetwin_board::{SerialBus, Uart, Usart};
+use drivetwin_board::{SerialBus, Tap, Uart, Usart};
 use drivetwin_firmware::device::{Line, Port};
 use drivetwin_firmware::shell::BoardEvent;
 
@@ -47,7 +47,9 @@ fn USART1() {
             };
             // If the loop is so late that the queue is full, the character is lost. A Modbus frame then fails
             // its CRC; a command of a QSB has none.
-            let _ = QUEUE.push((at, heard));
+            if !QUEUE.push((at, heard)) {
+                crate::lose();
+            }
         }
     }
     if CONTROL.read() & Usart::CAN_WRITE != 0 {
@@ -98,6 +100,10 @@ impl Uart for Usart1 {
 
     fn pend() {
         CONTROL.replace(Usart::CAN_WRITE | Usart::HAS_SENT, Usart::CAN_WRITE);
+    }
+
+    fn tap() -> Option<&'static Tap> {
+        Some(&crate::TAP)
     }
 
     fn turn(sends: bool) {

@@ -13,6 +13,9 @@ const RCC: usize = 0x4002_3800;
 const CONTROL: Register = Register::at(RCC, 0x00);
 const PLL: Register = Register::at(RCC, 0x04);
 const CONFIGURATION: Register = Register::at(RCC, 0x08);
+/// Resets of USB, and its clock gate.
+const AHB2_RESETS: Register = Register::at(RCC, 0x14);
+const AHB2_GATES: Register = Register::at(RCC, 0x34);
 /// Clock gates of the ports.
 const AHB1_GATES: Register = Register::at(RCC, 0x30);
 /// Clock gates of TIM2 and of the power control.
@@ -40,6 +43,8 @@ pub(crate) fn start() {
     const SELECTED: u32 = 0b11 << 2;
     const FROM_PLL: u32 = 0b10;
     const APB1_BY_2: u32 = 0b100 << 10;
+    const PREFETCH: u32 = 1 << 8;
+    const INSTRUCTION_CACHE: u32 = 1 << 9;
 
     // Switches from the PLL, which the boot loader of the chip may have left running, to the internal
     // oscillator.
@@ -59,16 +64,26 @@ pub(crate) fn start() {
     let _ = APB1_GATES.read();
     // More than 84 MHz need the highest voltage, more than 90 MHz three wait states.
     POWER.set(0b11 << 14);
-    // No prefetch and no caches, because nothing runs from flash, and cached data may have been erased since.
-    FLASH.write(3);
-    // 25 MHz / 25 = 1 MHz; × 192 = 192 MHz; / 2 = 96 MHz. The USB clock, which is not used, is 192 MHz / 4 =
-    // 48 MHz.
+    // Prefetch, and the cache for instructions. No cache for data, because cached data may have been erased since.
+    FLASH.write(INSTRUCTION_CACHE | PREFETCH | 3);
+    // 25 MHz / 25 = 1 MHz; × 192 = 192 MHz; / 2 = 96 MHz. The USB clock is 192 MHz / 4 = 48 MHz.
     PLL.write(4 << 24 | 1 << 22 | (2 * MHZ) << 6 | CRYSTAL_MHZ);
     CONTROL.set(PLL_ON);
     while CONTROL.read() & PLL_READY == 0 {}
     // APB1 allows up to 50 MHz. A timer on it counts at twice its clock (6.2).
     CONFIGURATION.write(APB1_BY_2 | FROM_PLL);
     while CONFIGURATION.read() & SELECTED != FROM_PLL << 2 {}
+}
+
+/// Enables the clock of the USB controller, and resets the controller, which the boot loader of the chip may have left
+/// running.
+pub(crate) fn start_usb() {
+    const USB: u32 = 1 << 7;
+    AHB2_GATES.set(USB);
+    // As above.
+    let _ = AHB2_GATES.read();
+    AHB2_RESETS.set(USB);
+    AHB2_RESETS.clear(USB);
 }
 
 /// Divides the clock of USART1 by four, or not. This only makes accesses to other peripherals on the same bus

@@ -59,7 +59,9 @@ pub(crate) type Flash = drivetwin_board::Flash<Bank>;
 
 impl Bank {
     /// Runs an operation of the interface with this value of the control register, and waits until it is
-    /// done. `act` starts the operation.
+    /// done. `act` starts the operation. A function of its own, which the linker script leaves in RAM: if the processor had
+    /// to fetch from flash meanwhile, interrupts would wait, too.
+    #[inline(never)]
     fn command(control: u32, act: impl FnOnce()) -> Result<(), NorFlashErrorKind> {
         const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
         const BUSY: u32 = 1 << 16;

@@ -19,10 +19,14 @@ const MODE: usize = 0x00;
 const INPUT: u32 = 0b00;
 const OUTPUT: u32 = 0b01;
 const ALTERNATE: u32 = 0b10;
+/// Register for the speed of outputs, with two bits per pin.
+const SPEED: usize = 0x08;
+const FASTEST: u32 = 0b11;
 /// Register for the pull resistors, with two bits per pin.
 const PULL: usize = 0x0C;
 const UP: u32 = 0b01;
 const DOWN: u32 = 0b10;
+const NONE: u32 = 0b00;
 /// Register with the levels of the pins.
 const IN: usize = 0x10;
 /// Register that sets pins: its lower 16 bits set them high, its upper 16 bits low.
@@ -104,6 +108,13 @@ impl Gpio {
         self.port.register(FUNCTION + 4 * (self.n / 8)).replace(0xF << shift, function << shift);
         self.two_bits(PULL, UP);
         self.two_bits(MODE, ALTERNATE);
+    }
+
+    /// Assigns the pin to a peripheral, as a fast output without a pull resistor.
+    pub(crate) fn give_fast(self, function: u32) {
+        self.give(function);
+        self.two_bits(PULL, NONE);
+        self.two_bits(SPEED, FASTEST);
     }
 
     /// Level of the pin.

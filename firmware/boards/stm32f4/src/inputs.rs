@@ -61,6 +61,7 @@ impl Input {
             self.high = high;
         } else {
             MISSED.store(true, Ordering::Relaxed);
+            crate::lose();
         }
     }
 }

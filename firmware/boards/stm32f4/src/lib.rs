@@ -18,6 +18,8 @@
 //! | `bus` | USART1, and the direction of RS-485 |
 //! | [`gpio`], `inputs` | levels and edges |
 //! | `steps` | STEP and DIR |
+//! | `usb` | the USB cable |
+//! | `critical` | critical sections |
 //! | `flash` | the flash for saved registers |
 //! | `watchdog` | the watchdog |
 //! | `log` | the log through a debug probe |
@@ -27,6 +29,7 @@
 mod boot;
 mod bus;
 mod clock;
+mod critical;
 mod flash;
 pub mod gpio;
 mod inputs;
@@ -34,16 +37,18 @@ mod log;
 mod registers;
 mod steps;
 mod timer;
+mod usb;
 mod vectors;
 mod watchdog;
 pub mod wires;
 
 use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::{NVIC, SCB};
 use cortex_m::{Peripherals, asm};
 use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, NoCable, Output, Queue, Saved, made};
+use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, Tap, made};
 use drivetwin_firmware::device::{Boot, Device, Duration, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
 
@@ -52,6 +57,7 @@ use self::flash::{Flash, SECTORS};
 use self::gpio::Gpio;
 use self::steps::Steps;
 use self::timer::WAKE;
+use self::usb::Usb;
 use self::vectors::Interrupt;
 use self::wires::{FAST, Wire};
 
@@ -61,6 +67,17 @@ const ROOM: usize = 512;
 
 /// Events from the interrupts to the loop.
 static QUEUE: Queue<(Instant, BoardEvent), ROOM> = Queue::new();
+
+/// Characters that the bus sends, for the cable.
+static TAP: Tap = Tap::new();
+
+/// Number of events that were lost because the queue was full; it wraps.
+static LOST: AtomicU32 = AtomicU32::new(0);
+
+/// Counts a lost event. Called in interrupts of one priority, or in a critical section.
+fn lose() {
+    LOST.store(LOST.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+}
 
 /// Reserves memory for `$bytes` bytes of saved registers, into which they are read from flash.
 #[macro_export]
@@ -95,7 +112,7 @@ impl Board for BlackPill {
     type Pin = Output<Gpio>;
     type Uart = Usart1;
     type Timer = Steps;
-    type Cable = NoCable;
+    type Cable = Usb;
 
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
@@ -115,7 +132,7 @@ impl Board for BlackPill {
     }
 
     /// Enables interrupts. Only critical sections delay a step. All interrupts that timestamp or send have
-    /// the same priority, so that timestamps ascend.
+    /// the same priority, so that timestamps ascend. USB has the lowest one, because it only ends the sleep.
     fn unmask() {
         let priorities = [
             (Interrupt::TIM2, 0x00),
@@ -127,6 +144,7 @@ impl Board for BlackPill {
             (Interrupt::EXTI4, 0x40),
             (Interrupt::EXTI9_5, 0x40),
             (Interrupt::EXTI15_10, 0x40),
+            (Interrupt::OTG_FS, 0xC0),
         ];
         let Some(mut core) = Peripherals::take() else { return };
         for (interrupt, priority) in priorities {
@@ -149,6 +167,10 @@ impl Board for BlackPill {
         QUEUE.pop_if(|(at, _)| *at <= until)
     }
 
+    fn lost_inputs() -> u32 {
+        LOST.load(Ordering::Relaxed)
+    }
+
     fn is_quiet() -> bool {
         QUEUE.is_empty()
     }
@@ -161,8 +183,8 @@ impl Board for BlackPill {
         watchdog::feed();
     }
 
-    fn cable() -> NoCable {
-        NoCable
+    fn cable() -> Usb {
+        Usb::start()
     }
 
     #[inline(never)]

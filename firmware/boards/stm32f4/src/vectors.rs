@@ -6,6 +6,7 @@ pub(crate) use cortex_m_rt::interrupt;
 /// An interrupt, with its position in the vector table as its value. The attribute `interrupt` uses the same
 /// names.
 #[derive(Clone, Copy)]
+#[expect(non_camel_case_types, reason = "the names are those of the chip")]
 pub(crate) enum Interrupt {
     EXTI0 = 6,
     EXTI1 = 7,
@@ -16,6 +17,7 @@ pub(crate) enum Interrupt {
     TIM2 = 28,
     USART1 = 37,
     EXTI15_10 = 40,
+    OTG_FS = 67,
 }
 
 pub(crate) use Interrupt as interrupt;
@@ -40,6 +42,7 @@ unsafe extern "C" {
     fn TIM2();
     fn USART1();
     fn EXTI15_10();
+    fn OTG_FS();
     /// Handler of the interrupts that are never enabled.
     fn DefaultHandler();
 }
@@ -61,5 +64,6 @@ static __INTERRUPTS: [Handler; VECTORS] = {
     vectors[Interrupt::TIM2 as usize] = TIM2;
     vectors[Interrupt::USART1 as usize] = USART1;
     vectors[Interrupt::EXTI15_10 as usize] = EXTI15_10;
+    vectors[Interrupt::OTG_FS as usize] = OTG_FS;
     vectors
 };

@@ -18,6 +18,9 @@ pub(crate) const DIR: Gpio = B.pin(15);
 /// Connected to ground while the board starts, this pin skips the start-up delay. The board's button connects
 /// it, too.
 pub(crate) const FAST: Gpio = A.pin(0);
+/// Data lines of the USB cable.
+pub(crate) const DM: Gpio = A.pin(11);
+pub(crate) const DP: Gpio = A.pin(12);
 /// The board's own light.
 const LIGHT: Gpio = C.pin(13).lit_low();
 

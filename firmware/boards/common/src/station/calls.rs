@@ -4,18 +4,22 @@ use drivetwin_control::{
     Answer, Call, Event, Events, Hello, PIECE, Power, Refused, State, Statistics, Stimulus, VERSION,
     fingerprint,
 };
-use drivetwin_firmware::device::{Device, Encoder, Fault, Instant, Level, Pin, PresetError};
+use drivetwin_firmware::device::{Device, Duration, Encoder, Fault, Instant, Level, Pin, PresetError};
 use drivetwin_firmware::shell::{Links, Outputs};
 use drivetwin_protocol::registers::{Entry, Shape};
 use embedded_storage::Storage;
 
 use super::{OnStation, convert, trace};
-use crate::board::Board;
+use crate::board::{Board, Leave};
 use crate::bus::Uart;
 use crate::slips::SLIPPED;
 
 /// Greatest number of registers in one answer. A drive may need long to tell a value.
 const VALUES: u8 = 16;
+
+/// Time for the computer to take the reply to a call that ends the image. A computer asks for packets in each millisecond, and
+/// its program needs some more to read them.
+const LINGER: Duration = Duration::millis(50);
 
 /// Greatest number of bytes of a number as postcard.
 const NUMBER: usize = 10;
@@ -30,6 +34,9 @@ pub(crate) trait Calls {
 
     /// The next events of the trace.
     fn events<'b>(&mut self, bytes: &'b mut [u8; trace::MESSAGE]) -> Option<Events<'b>>;
+
+    /// Returns `true` if the image is about to end. Then it answers nothing more.
+    fn leaves(&self) -> bool;
 
     /// Ends what only a computer at the port of control needs.
     fn hang_up(&mut self);
@@ -66,8 +73,8 @@ where
             Call::WriteMemory { offset, bytes } => self.write_memory(offset, bytes)?,
             Call::Trace(on) => self.shell.outputs().trace().set(on),
             Call::Kind(number) => return Ok(Answer::Kind(B::kind(number))),
-            Call::Become(kind) => become_kind::<B>(kind)?,
-            Call::Bootloader => match B::start_boot_loader()? {},
+            Call::Become(kind) => self.become_kind(kind)?,
+            Call::Bootloader => self.leave(B::boot_loader()?),
         }
         Ok(Answer::Done)
     }
@@ -76,21 +83,13 @@ where
         self.shell.outputs().trace().take(bytes)
     }
 
+    fn leaves(&self) -> bool {
+        self.leaves.is_some()
+    }
+
     fn hang_up(&mut self) {
         self.shell.outputs().trace().set(false);
     }
-}
-
-/// Makes the board a drive of another kind.
-///
-/// # Errors
-/// The board cannot be a drive of this kind.
-fn become_kind<B: Board>(kind: &str) -> Result<(), Refused> {
-    let mut kinds = (0..).map_while(B::kind);
-    if B::kind(0).is_some() && !kinds.any(|known| known == kind) {
-        return Err(Refused::Unknown);
-    }
-    match B::choose(kind)? {}
 }
 
 impl<B, D, M, L, const CHARACTERS: usize, const WIRES: usize> OnStation<'_, B, D, M, L, CHARACTERS, WIRES>
@@ -227,6 +226,28 @@ where
             slipped: SLIPPED.load(core::sync::atomic::Ordering::Relaxed),
             ..outputs.statistics()
         }
+    }
+
+    /// Stores the kind that the board is from its next start on. If the board is a drive of another kind now, it starts
+    /// again (BOARD-18).
+    fn become_kind(&mut self, kind: &str) -> Result<(), Refused> {
+        let mut kinds = (0..).map_while(B::kind);
+        if B::kind(0).is_some() && !kinds.any(|known| known == kind) {
+            return Err(Refused::Unknown);
+        }
+        let restart = B::choose(kind)?;
+        if kind != self.shell.device().spec().kind {
+            self.leave(restart);
+        }
+        Ok(())
+    }
+
+    /// Switches the power off. The image ends when the computer has had time for the reply.
+    fn leave(&mut self, leave: Leave) {
+        // The store of a choice has taken some time.
+        let now = B::past();
+        self.power_off(now);
+        self.leaves = Some((now + LINGER, leave));
     }
 
     fn memory<'p>(&mut self, offset: u16, piece: &'p mut [u8; PIECE]) -> Answer<'p> {

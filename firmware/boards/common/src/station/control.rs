@@ -37,7 +37,7 @@ impl Control {
         }
         let mut byte = [0];
         for _ in 0..BURST {
-            if cable.read(CablePort::Control, &mut byte) == 0 {
+            if calls.leaves() || cable.read(CablePort::Control, &mut byte) == 0 {
                 return self.send_events(cable, calls);
             }
             let [byte] = byte;

@@ -46,7 +46,7 @@ use self::events::Events;
 use self::inputs::StationInputs;
 use self::outputs::StationOutputs;
 use self::packet::Packet;
-use crate::board::{Board, wire_outputs};
+use crate::board::{Board, Leave, wire_outputs};
 use crate::bus::Uart;
 use crate::cable::{Cable, CablePort};
 
@@ -75,6 +75,8 @@ struct OnStation<'a, B: Board, D, M, L, const CHARACTERS: usize, const WIRES: us
     shell: Shell<&'a mut D, StationInputs<B>, StationOutputs<'a, B, M, L, WIRES>, CHARACTERS>,
     boot: Boot,
     is_on: bool,
+    /// Time at which the image ends, and the function that ends it.
+    leaves: Option<(Instant, Leave)>,
 }
 
 impl<'a, B, D, M, L, const CHARACTERS: usize, const WIRES: usize> Station<'a, B, D, M, L, CHARACTERS, WIRES>
@@ -99,7 +101,7 @@ where
         let outputs =
             StationOutputs::new(spec, wire_outputs::<B, _, _, WIRES>(spec, wires, memory, links), ring);
         let shell = Shell::new(drive, StationInputs::new(spec), outputs);
-        let drive = OnStation { shell, boot, is_on: false };
+        let drive = OnStation { shell, boot, is_on: false, leaves: None };
         Self { drive, cable: B::cable(), control: Control::new(), packet: Packet::new(), waited: 0 }
     }
 
@@ -167,6 +169,11 @@ where
 
     /// Does what is due. Returns `true` if there was something.
     fn run(&mut self) -> bool {
+        if let Some((at, leave)) = self.leaves
+            && B::past() >= at
+        {
+            leave();
+        }
         if !self.is_on {
             self.shell.inputs().skip(B::past());
             return false;
@@ -180,7 +187,7 @@ where
 
     /// Time of the next work, if no input comes until then.
     fn deadline(&mut self) -> Instant {
-        let due = self.shell.inputs().due();
+        let due = self.shell.inputs().due().min(self.leaves.map_or(Instant::NEVER, |(at, _)| at));
         if self.is_on { due.min(self.shell.deadline()) } else { due }
     }
 

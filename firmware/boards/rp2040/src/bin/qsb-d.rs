@@ -2,4 +2,4 @@
 #![no_std]
 #![no_main]
 
-drivetwin_board::image!(drivetwin_rp2040, qsb::Qsb::d, TX_REPLIES, QSB);
+drivetwin_board::image!(drivetwin_pico, qsb::Qsb::d, TX_REPLIES, QSB);

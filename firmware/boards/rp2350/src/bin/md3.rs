@@ -2,4 +2,4 @@
 #![no_std]
 #![no_main]
 
-drivetwin_board::image!(drivetwin_rp2350, md3::Md3::new, TX_ONE_REPLY, MD3);
+drivetwin_board::image!(drivetwin_pico, md3::Md3::new, TX_ONE_REPLY, MD3);

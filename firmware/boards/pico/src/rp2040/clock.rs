@@ -2,11 +2,12 @@
 
 use cortex_m::asm;
 
+use super::WATCHDOG;
+use crate::pll::start_pll;
 use crate::registers::Register;
-use crate::watchdog;
 
 /// Frequency of the Pico's crystal in MHz.
-pub(crate) const CRYSTAL_MHZ: u32 = 12;
+const CRYSTAL_MHZ: u32 = 12;
 /// Cycles of the processor and of the UARTs in a second.
 pub(crate) const HZ: u32 = 200_000_000;
 
@@ -51,6 +52,9 @@ pub(crate) fn start() {
     const STABLE: u32 = 1 << 31;
     const FROM_CRYSTAL: u32 = 2;
     const FROM_PLL: u32 = 1;
+    /// Register of the watchdog that starts the tick of TIMER (4.7.6).
+    const TICK: usize = 0x2C;
+    const RUN: u32 = 1 << 9;
     /// 1.15 V, enabled.
     const VOLTAGE: u32 = 12 << 4 | 1;
 
@@ -64,7 +68,7 @@ pub(crate) fn start() {
     while SYS_SELECTED.read() != 1 {}
     REF_CTRL.write(FROM_CRYSTAL);
     while REF_SELECTED.read() != 1 << FROM_CRYSTAL {}
-    watchdog::tick();
+    WATCHDOG.plus(TICK).write(CRYSTAL_MHZ | RUN);
 
     VREG.write(VOLTAGE);
     // 1 ms for the regulator.
@@ -88,18 +92,6 @@ pub(crate) fn start_usb() {
     start_pll(PLL_USB, 100, [5, 5]);
     USB_CTRL.write(ENABLED);
     reset(RESET_USB);
-}
-
-/// Starts a PLL that multiplies the frequency of the crystal, and divides it twice.
-fn start_pll(pll: usize, times: u32, [first, second]: [u32; 2]) {
-    const LOCKED: u32 = 1 << 31;
-    let [cs, power, fbdiv, prim] = [0x0, 0x4, 0x8, 0xC].map(|offset| Register::at(pll, offset));
-    cs.write(1);
-    fbdiv.write(times);
-    power.clear(1 << 0 | 1 << 5);
-    while cs.read() & LOCKED == 0 {}
-    prim.write(first << 16 | second << 12);
-    power.clear(1 << 3);
 }
 
 fn reset(peripherals: u32) {

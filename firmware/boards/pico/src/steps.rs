@@ -4,10 +4,9 @@ use drivetwin_board::{Axis, StepPins, StepPort, Timer};
 use drivetwin_firmware::device::Instant;
 use drivetwin_firmware::motion::{Counted, HIGH};
 
-use crate::chip::interrupt;
-use crate::pins;
 use crate::timer::{self, Alarm, TICKS};
 use crate::wires::{DIR, STEP};
+use crate::{interrupt, pins};
 
 /// The axis of the board.
 pub(crate) static AXIS: Axis<Steps> = Axis::new(Counted::new(StepPins::new()));

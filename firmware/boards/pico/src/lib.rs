@@ -1,19 +1,19 @@
-//! Drives on the Raspberry Pi Pico.
+//! Drives on the Raspberry Pi Pico and the Pico 2.
 //!
-//! Each binary is one kind of drive. It names the drive's constructor and the wires of the board, and calls
-//! [`run`]. Code that is common to all boards is in `drivetwin_board`; code that is common to all drives is
-//! here.
+//! Each binary of `drivetwin-rp2040` and of `drivetwin-rp2350` is one kind of drive. It names the drive's constructor and the
+//! wires of the board, and calls [`run`]. Code that is common to all boards is in `drivetwin_board`; code that is common to
+//! all drives and to both boards is here. The RP2350 of the Pico 2 has the UART, the timer, the pins and the USB controller
+//! of the RP2040; `chip` is the module of one of them.
 //!
-//! README.md shows the wiring. Sections cited beside the code are those of the *RP2040 Datasheet*; those of
-//! the flash chip are in *W25Q16JV*.
+//! README.md of `rp2040` shows the wiring. Sections cited beside the code are those of the *RP2040 Datasheet*, in `rp2350`
+//! those of the *RP2350 Datasheet*; the sections of the flash chip are in *W25Q16JV*.
 //!
 //! | module | what it holds |
 //! |---|---|
 //! | [`wires`] | assignment of the pins |
-//! | `boot` | from the reset to a program in RAM |
 //! | `Pico` | the board, as the loop needs it |
-//! | `chip` | addresses and interrupts |
-//! | `clock` | the system clock |
+//! | `chip`: `rp2040` or `rp2350` | addresses and interrupts; the way from the reset to a program in RAM, clocks, functions of the boot ROM |
+//! | `vectors` | the table of interrupts |
 //! | `timer` | time, alarms, sleep |
 //! | `bus` | UART0, and the direction of RS-485 |
 //! | `pins` | levels and edges |
@@ -24,45 +24,51 @@
 //! | `usb`, `usb_bus` | the USB cable, and the controller |
 //! | `watchdog` | the watchdog |
 //! | `log` | the log through a debug probe |
-//! | `registers` | registers of the hardware |
+//! | `pll`, `registers` | a PLL; registers of the hardware |
 #![no_std]
 
-mod boot;
 mod bus;
-mod chip;
-mod clock;
 mod flash;
 mod kinds;
 mod log;
 mod pins;
+mod pll;
 mod registers;
+#[cfg(not(rp2350))]
+mod rp2040;
+#[cfg(rp2350)]
+mod rp2350;
 mod selector;
 mod steps;
 mod timer;
 mod usb;
 mod usb_bus;
-#[cfg(feature = "usb-echo")]
-mod usb_echo;
+mod vectors;
 mod watchdog;
 pub mod wires;
 
-use core::convert::Infallible;
 use core::panic::PanicInfo;
 use core::sync::atomic::{AtomicU32, Ordering};
 
 use cortex_m::peripheral::NVIC;
 use cortex_m::{Peripherals, asm};
-use cortex_m_rt::exception;
-use drivetwin_board::{Axis, Board, End, Output, Queue, Saved, Tap, made};
+use cortex_m_rt::{exception, interrupt};
+use drivetwin_board::{Axis, Board, End, Leave, Output, Queue, Saved, Tap, made};
 use drivetwin_control::Refused;
 use drivetwin_firmware::device::{Boot, Device, Instant, Spec};
 use drivetwin_firmware::shell::{BoardEvent, NoNetwork};
+
+#[cfg(not(rp2350))]
+use self::rp2040 as chip;
+#[cfg(rp2350)]
+use self::rp2350 as chip;
 
 pub use self::pins::Wire;
 pub use self::selector::select;
 
 use self::bus::Uart0;
-use self::chip::Interrupt;
+use self::chip::Interrupt as interrupt;
+use self::chip::{Interrupt, clock};
 use self::flash::{Flash, MOST_SECTORS};
 use self::pins::Pins;
 use self::steps::Steps;
@@ -202,12 +208,12 @@ impl Board for Pico {
         kinds::kind(number)
     }
 
-    fn choose(kind: &str) -> Result<Infallible, Refused> {
+    fn choose(kind: &str) -> Result<Leave, Refused> {
         kinds::choose(kind)
     }
 
-    fn start_boot_loader() -> Result<Infallible, Refused> {
-        kinds::start_boot_loader()
+    fn boot_loader() -> Result<Leave, Refused> {
+        Ok(kinds::start_boot_loader)
     }
 
     #[inline(never)]

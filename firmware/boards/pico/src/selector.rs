@@ -2,16 +2,13 @@
 //! (BOARD-13).
 
 use core::mem::transmute;
-use core::ops::Range;
 use core::{ptr, slice};
 
 use drivetwin_board::{Choice, Image, Sectors};
 
+use crate::chip::RAM;
 use crate::flash::{CHOICES, Chip, directory, words};
 use crate::kinds::start_boot_loader;
-
-/// RAM that an image may be copied to. The stack of this program is behind it.
-const RAM: Range<usize> = 0x2000_0000..0x2004_0000;
 
 /// Starts the image of the chosen kind. Without a choice, or if that image is not whole, it starts the first image; if that
 /// one is not whole either, the boot loader.
@@ -27,7 +24,7 @@ pub extern "C" fn select() -> ! {
 }
 
 /// Copies an image to RAM and starts it. Returns if the image is not whole. An image begins with its own address, because
-/// that is where its stack begins, and the address of its reset handler (`pico.x`).
+/// that is where its stack begins, and the address of its reset handler (`pico.x`, `pico2.x`).
 fn start(image: &Image<'_>) {
     let Some(words @ [address, reset, ..]) = image.words(words()) else { return };
     let (address, reset) = (*address as usize, *reset as usize);

@@ -1,4 +1,4 @@
-//! The USB controller as a device (4.1.2).
+//! The USB controller as a device (4.1.2; RP2350: 12.7).
 //!
 //! Everything is called in the loop and needs no critical section: an interrupt never touches the controller.
 
@@ -9,7 +9,7 @@ use usb_device::bus::PollResult;
 use usb_device::endpoint::{EndpointAddress, EndpointType};
 use usb_device::{Result, UsbDirection, UsbError};
 
-use crate::clock;
+use crate::chip::{can_abort, clock};
 use crate::registers::Register;
 
 /// Memory that the processor shares with the controller (4.1.2.5).
@@ -46,9 +46,6 @@ const DATA1: u32 = 1 << 13;
 const STALL: u32 = 1 << 11;
 const AVAILABLE: u32 = 1 << 10;
 const LENGTH: u32 = 0x3FF;
-
-/// Revision of the chip (2.20.2).
-const CHIP_ID: Register = Register::at(0x4000_0000, 0x00);
 
 /// Greatest size of a packet.
 const PACKET: usize = 64;
@@ -145,8 +142,8 @@ impl Controller {
     pub(crate) fn take_back(&self, address: EndpointAddress) {
         let Some(Buffer { control, .. }) = self.buffer(address) else { return };
         let bit = 1 << (2 * address.index());
-        // The first revisions of the chip cannot do this (RP2040-E2). They may have begun to send the packet.
-        let can_abort = CHIP_ID.read() >> 28 >= 2;
+        // A chip that cannot do this may have begun to send the packet.
+        let can_abort = can_abort();
         if can_abort {
             EP_ABORT.set(bit);
             // As long as a packet takes, at most.
@@ -238,6 +235,7 @@ impl usb_device::bus::UsbBus for Controller {
         USB_MUXING.write(TO_PHY | SOFTCON);
         // The Pico has power whether a cable is there or not.
         USB_PWR.write(VBUS_DETECT);
+        // This also connects the transceiver of an RP2350, which its reset has isolated.
         MAIN_CTRL.write(CONTROLLER_EN);
         INTE.write(INTERRUPTS);
         SIE_CTRL.write(EP0_INT_1BUF | PULLUP_EN);

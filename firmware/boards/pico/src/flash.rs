@@ -1,24 +1,21 @@
 //! The flash: images at its beginning, and at its end the chosen kind and saved registers, which functions of the boot ROM
-//! (2.8.3.1.3) write.
+//! (2.8.3.1.3; RP2350: 5.4.8) write.
 //!
 //! The functions, and with them the loop, wait while the flash erases or programs. Interrupts continue,
 //! because everything that they need is in RAM. Their events must fit into the queue meanwhile.
 
 use core::arch::global_asm;
-use core::mem::transmute_copy;
 use core::ops::Range;
 use core::{ptr, slice};
 
 use drivetwin_board::{Directory, Sectors};
 use embedded_storage_async::nor_flash::NorFlashErrorKind;
 
-use crate::registers::Register;
+use crate::chip::{FLASH, rom};
 use crate::watchdog;
 
 const SECTOR: usize = 4096;
 const PAGE: usize = 256;
-/// Size of the flash chip in bytes.
-const CAPACITY: usize = 2 << 20;
 /// Address at which the processor reads the flash.
 const WINDOW: usize = 0x1000_0000;
 
@@ -28,7 +25,7 @@ const MOST_SMALL: usize = 256;
 
 /// The last sectors of the flash, for small memories. So a store of a small memory never waits until the
 /// pieces of a large one are moved.
-const SMALL: Range<u32> = sectors(4, CAPACITY as u32);
+const SMALL: Range<u32> = sectors(4, FLASH as u32);
 /// The sectors before those of [`SMALL`], for large memories.
 const LARGE: Range<u32> = sectors(MOST_SECTORS, SMALL.start);
 /// Number of sectors of [`LARGE`]. [`SMALL`] has fewer.
@@ -74,36 +71,6 @@ pub(crate) fn directory() -> Option<Directory<'static>> {
     Directory::read(unsafe { slice::from_raw_parts(at, Directory::BYTES) })
 }
 
-/// Registers of the interface to the chip (4.10.13), and of its select pin (2.19.6.2).
-const SSI: usize = 0x1800_0000;
-const SSI_SR: Register = Register::at(SSI, 0x28);
-const SSI_DR0: Register = Register::at(SSI, 0x60);
-const SELECT: Register = Register::at(0x4001_8000, 0x0C);
-
-/// The number that every chip has of its own ("Read Unique ID Number", flash chip, 8.2.31).
-pub(crate) fn unique_id() -> [u8; 8] {
-    const READ_UNIQUE_ID: u8 = 0x4B;
-    /// The command, four bytes more, and the answer.
-    const LENGTH: usize = 1 + 4 + 8;
-    const RECEIVED: u32 = 1 << 3;
-    /// Overrides of the select pin, which `flash_flush_cache` ends.
-    const LOW: u32 = 2 << 8;
-    const HIGH: u32 = 3 << 8;
-
-    let mut bytes = [0; LENGTH];
-    bytes[0] = READ_UNIQUE_ID;
-    Chip::command(|| {
-        SELECT.set(LOW);
-        for byte in &mut bytes {
-            SSI_DR0.write(u32::from(*byte));
-            while SSI_SR.read() & RECEIVED == 0 {}
-            *byte = SSI_DR0.read() as u8;
-        }
-        SELECT.set(HIGH);
-    });
-    bytes.last_chunk().copied().unwrap_or_default()
-}
-
 /// The flash chip.
 #[derive(Clone, Copy)]
 pub(crate) enum Chip {}
@@ -111,49 +78,28 @@ pub(crate) enum Chip {}
 /// The flash of the board.
 pub(crate) type Flash = drivetwin_board::Flash<Chip>;
 
-impl Chip {
-    /// Calls `act`, which commands the chip by functions of the boot ROM, and makes the chip readable again.
-    fn command(act: impl FnOnce()) {
-        type Plain = extern "C" fn();
-        watchdog::feed();
-        // SAFETY: "connect_internal_flash" takes no arguments.
-        let connect: Plain = unsafe { rom(*b"IF") };
-        connect();
-        // SAFETY: "flash_exit_xip" takes no arguments.
-        let exit: Plain = unsafe { rom(*b"EX") };
-        exit();
-        act();
-        // SAFETY: "flash_flush_cache" takes no arguments.
-        let flush: Plain = unsafe { rom(*b"FC") };
-        flush();
-        // SAFETY: "flash_enter_cmd_xip" takes no arguments.
-        let enter: Plain = unsafe { rom(*b"CX") };
-        enter();
-    }
-}
-
-/// Finds a function of the boot ROM by its two letters (2.8.3).
-///
-/// # Safety
-/// `F` is a function pointer with the signature that the datasheet declares for this function.
-pub(crate) unsafe fn rom<F>(letters: [u8; 2]) -> F {
-    /// Half-words of the ROM with addresses: of the list of functions, and of the function that searches it.
-    const FUNCTIONS: *const u16 = ptr::without_provenance(0x14);
-    const LOOKUP: *const u16 = ptr::without_provenance(0x18);
-    // SAFETY: the ROM is always mapped.
-    let functions = usize::from(unsafe { FUNCTIONS.read_volatile() });
-    // SAFETY: as above.
-    let lookup = usize::from(unsafe { LOOKUP.read_volatile() });
-    // SAFETY: the function takes the list and the letters, and returns an address.
-    let lookup: extern "C" fn(usize, u32) -> usize = unsafe { transmute_copy(&lookup) };
-    let function = lookup(functions, u32::from(u16::from_le_bytes(letters)));
-    // SAFETY: an address is as wide as a function pointer; every version of the ROM has these functions.
-    unsafe { transmute_copy(&function) }
+/// Calls `act`, which commands the chip by functions of the boot ROM, and makes the chip readable again.
+pub(crate) fn command(act: impl FnOnce()) {
+    type Plain = extern "C" fn();
+    watchdog::feed();
+    // SAFETY: "connect_internal_flash" takes no arguments.
+    let connect: Plain = unsafe { rom::function(*b"IF") };
+    connect();
+    // SAFETY: "flash_exit_xip" takes no arguments.
+    let exit: Plain = unsafe { rom::function(*b"EX") };
+    exit();
+    act();
+    // SAFETY: "flash_flush_cache" takes no arguments.
+    let flush: Plain = unsafe { rom::function(*b"FC") };
+    flush();
+    // SAFETY: "flash_enter_cmd_xip" takes no arguments.
+    let enter: Plain = unsafe { rom::function(*b"CX") };
+    enter();
 }
 
 impl Sectors for Chip {
     const OURS: Range<u32> = CHOICE.start..SMALL.end;
-    const CAPACITY: usize = CAPACITY;
+    const CAPACITY: usize = FLASH;
     const SECTOR: usize = SECTOR;
     const WORD: usize = 1;
     const PAGE: usize = PAGE;
@@ -169,21 +115,21 @@ impl Sectors for Chip {
         /// block.
         const BLOCK: (u32, u8) = (1 << 16, 0xD8);
         // SAFETY: "flash_range_erase" takes these arguments.
-        let erase: extern "C" fn(u32, usize, u32, u8) = unsafe { rom(*b"RE") };
-        Self::command(|| erase(offset, SECTOR, BLOCK.0, BLOCK.1));
+        let erase: extern "C" fn(u32, usize, u32, u8) = unsafe { rom::function(*b"RE") };
+        command(|| erase(offset, SECTOR, BLOCK.0, BLOCK.1));
         Ok(())
     }
 
     fn program(offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         // SAFETY: "flash_range_program" takes these arguments, and reads as many bytes as the last one says.
-        let program: extern "C" fn(u32, *const u8, usize) = unsafe { rom(*b"RP") };
+        let program: extern "C" fn(u32, *const u8, usize) = unsafe { rom::function(*b"RP") };
         // Programming a bit to 1 does not change it.
         let mut page = [0xFF; PAGE];
         let place = offset as usize % PAGE;
         for (byte, new) in page.iter_mut().skip(place).zip(bytes) {
             *byte = *new;
         }
-        Self::command(|| program(offset - place as u32, page.as_ptr(), PAGE));
+        command(|| program(offset - place as u32, page.as_ptr(), PAGE));
         Ok(())
     }
 }

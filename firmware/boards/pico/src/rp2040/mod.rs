@@ -1,10 +1,32 @@
-//! Addresses and interrupts of what the RP2040 and the RP2350 have in common. The code of the Pico 2 uses the
-//! modules `bus`, `log`, `pins`, `steps`, `timer` and `wires` with a module `chip` of its own.
+//! The RP2040: addresses, interrupts, and code that the RP2350 has not. Sections cited are those of the *RP2040 Datasheet*.
 
-pub(crate) use rp2040_pac::{Interrupt, interrupt};
+mod boot;
+pub(crate) mod clock;
+pub(crate) mod rom;
+
+use core::ops::Range;
 
 use crate::registers::Register;
-pub(crate) use crate::registers::Rp2040 as This;
+
+/// Size of the Pico's flash chip in bytes.
+pub(crate) const FLASH: usize = 2 << 20;
+/// RAM for an image. The stack of the selector is behind it.
+pub(crate) const RAM: Range<usize> = 0x2000_0000..0x2004_0000;
+
+/// An interrupt, with its position in the vector table as its value (2.3.2).
+#[derive(Clone, Copy)]
+#[expect(non_camel_case_types, reason = "the names are those of the chip")]
+pub(crate) enum Interrupt {
+    TIMER_IRQ_0 = 0,
+    TIMER_IRQ_1 = 1,
+    TIMER_IRQ_2 = 2,
+    USBCTRL_IRQ = 5,
+    IO_IRQ_BANK0 = 13,
+    UART0_IRQ = 20,
+}
+
+/// Number of vectors in the table.
+pub(crate) const VECTORS: usize = 32;
 
 /// UART0 (4.2.8).
 pub(crate) const UART0: Register = Register::at(0x4003_4000, 0);
@@ -38,3 +60,18 @@ pub(crate) const STATUS: Register = Register::at(IO, 0x120);
 
 /// Pull resistors of GP0 (2.19.6.3). Those of the next pin are in the next register.
 pub(crate) const PAD: Register = Register::at(0x4001_C000, 0x04);
+
+/// The watchdog (4.7.6), and the parts of the chip that its reset resets (2.13.5): all except the oscillators.
+pub(crate) const WATCHDOG: Register = Register::at(0x4005_8000, 0);
+pub(crate) const PSM_WDSEL: Register = Register::at(0x4001_0000, 0x8);
+pub(crate) const RESET_PARTS: u32 = 0x1_FFFC;
+/// Counts of the watchdog in a microsecond: it counts down by two (RP2040-E1).
+pub(crate) const WATCHDOG_COUNTS: u32 = 2;
+
+/// Revision of the chip (2.20.2).
+const CHIP_ID: Register = Register::at(0x4000_0000, 0x00);
+
+/// Returns `true` if the USB controller can take back a packet. The first revisions cannot (RP2040-E2).
+pub(crate) fn can_abort() -> bool {
+    CHIP_ID.read() >> 28 >= 2
+}

@@ -6,10 +6,8 @@ use critical_section::Mutex;
 use drivetwin_board::{End, Gpio, Output};
 use drivetwin_firmware::device::{Instant, Spec};
 
-use crate::chip::{
-    DRIVEN_CLEAR, DRIVEN_SET, ENABLED, FUNCTION, IN, OUT_CLEAR, OUT_SET, PAD, RAISED, STATUS, interrupt,
-};
-use crate::{QUEUE, timer};
+use crate::chip::{DRIVEN_CLEAR, DRIVEN_SET, ENABLED, FUNCTION, IN, OUT_CLEAR, OUT_SET, PAD, RAISED, STATUS};
+use crate::{QUEUE, interrupt, timer};
 
 /// Number of pins of the chip.
 const GPIOS: u32 = 30;

@@ -5,13 +5,14 @@ use cortex_m::peripheral::NVIC;
 use drivetwin_board::{Pl011Uart, SerialBus, Tap, Uart};
 use drivetwin_firmware::device::{Duration, Line};
 
-use crate::chip::{Interrupt, This, UART0, interrupt};
-use crate::clock::HZ;
+use crate::chip::clock::HZ;
+use crate::chip::{Interrupt, UART0};
+use crate::registers::Rp;
 use crate::timer::{self, Alarm};
 use crate::wires::DE;
-use crate::{QUEUE, pins, wires};
+use crate::{QUEUE, interrupt, pins, wires};
 
-const UART: Pl011Uart<This> = Pl011Uart::at(UART0, HZ / 1_000_000);
+const UART: Pl011Uart<Rp> = Pl011Uart::at(UART0, HZ / 1_000_000);
 
 /// The bus.
 static BUS: SerialBus<Uart0> = SerialBus::new();

@@ -1,13 +1,13 @@
 //! The kinds of drive that the board can be, the choice of one, and the boot loader.
 
 use core::cell::Cell;
-use core::convert::Infallible;
 
 use critical_section::Mutex;
-use drivetwin_board::Choice;
+use drivetwin_board::{Choice, Leave};
 use drivetwin_control::Refused;
 
-use crate::flash::{CHOICES, Chip, directory, rom};
+use crate::chip::rom;
+use crate::flash::{CHOICES, Chip, directory};
 use crate::watchdog;
 use crate::wires::LIGHT;
 
@@ -27,20 +27,14 @@ pub(crate) fn kind(number: u8) -> Option<&'static str> {
     }
 }
 
-/// Stores the choice and starts the board again, as [`Board::choose`](drivetwin_board::Board::choose) does.
-pub(crate) fn choose(kind: &str) -> Result<Infallible, Refused> {
-    if !(0..=u8::MAX).map_while(self::kind).any(|known| known == kind) {
-        return Err(Refused::Unknown);
-    }
+/// Stores the choice, as [`Board::choose`](drivetwin_board::Board::choose) does.
+pub(crate) fn choose(kind: &str) -> Result<Leave, Refused> {
     Choice::store::<Chip>(CHOICES, kind)?;
-    watchdog::reset()
+    Ok(watchdog::reset)
 }
 
-/// Starts the boot loader of the ROM (2.8.3.1.5), which takes a UF2. While it receives one, it lights the Pico's own light.
+/// Starts the boot loader of the ROM, which takes a UF2. While it receives one, it lights the Pico's own light.
 pub(crate) fn start_boot_loader() -> ! {
-    // SAFETY: "reset_to_usb_boot" takes the pin of a light, and interfaces to leave out.
-    let reset_to_usb_boot: extern "C" fn(u32, u32) = unsafe { rom(*b"UB") };
-    reset_to_usb_boot(LIGHT, 0);
-    // Does not return, or a version of the ROM does not have this function: the board starts again.
+    rom::start_boot_loader(LIGHT);
     watchdog::reset()
 }

@@ -7,7 +7,8 @@ use core::cell::Cell;
 use critical_section::Mutex;
 use drivetwin_firmware::device::Instant;
 
-use crate::chip::{ALARM, ARMED, INTE, INTR, RAW_HIGH, RAW_LOW, interrupt};
+use crate::chip::{ALARM, ARMED, INTE, INTR, RAW_HIGH, RAW_LOW};
+use crate::interrupt;
 
 /// Ticks of drivetwin's time in a microsecond.
 pub(crate) const TICKS: u64 = 16;

@@ -1,14 +1,12 @@
-//! The watchdog (12.9).
+//! The watchdog (4.7; RP2350: 12.9).
 
+use crate::chip::{PSM_WDSEL, RESET_PARTS, WATCHDOG, WATCHDOG_COUNTS};
 use crate::registers::Register;
 
-const WATCHDOG: usize = 0x400D_8000;
-const CTRL: Register = Register::at(WATCHDOG, 0x00);
-const LOAD: Register = Register::at(WATCHDOG, 0x04);
+const CTRL: Register = WATCHDOG;
+const LOAD: Register = WATCHDOG.plus(0x04);
 #[cfg(feature = "defmt")]
-const REASON: Register = Register::at(WATCHDOG, 0x08);
-/// Parts of the chip that a reset by the watchdog resets (7.4).
-const PSM_WDSEL: Register = Register::at(0x4001_8000, 0x8);
+const REASON: Register = WATCHDOG.plus(0x08);
 
 const TRIGGER: u32 = 1 << 31;
 const ENABLE: u32 = 1 << 30;
@@ -28,7 +26,7 @@ pub(crate) fn start() {
 
 /// Feeds the watchdog.
 pub(crate) fn feed() {
-    LOAD.write(MICROS);
+    LOAD.write(WATCHDOG_COUNTS * MICROS);
 }
 
 /// Resets the board.
@@ -40,13 +38,13 @@ pub(crate) fn reset() -> ! {
     }
 }
 
-/// Reason of the watchdog's last reset of the board (12.9): 0 for none, 1 if it was not fed, 2 after [`reset`].
+/// Reason of the watchdog's last reset of the board: 0 for none, 1 if it was not fed, 2 after [`reset`].
 #[cfg(feature = "defmt")]
 pub(crate) fn reason() -> u32 {
     REASON.read() & 0b11
 }
 
-/// Selects the parts that a reset resets: all except the oscillators.
+/// Selects the parts that a reset resets.
 fn select() {
-    PSM_WDSEL.write(0x1FF_FFF3);
+    PSM_WDSEL.write(RESET_PARTS);
 }
