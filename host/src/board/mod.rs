@@ -24,6 +24,7 @@ use std::sync::Arc;
 
 use drivetwin_firmware::device::{Pin, Plan, Port, Role};
 use drivetwin_sim::commands::Refusal;
+pub use drivetwin_sim::config::board_place::reasons;
 use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord};
 
 use crate::options::BoardPlace;
@@ -33,26 +34,6 @@ pub use drive::Drive;
 pub(crate) use drive::of_first_port;
 pub(crate) use place::PORTS;
 use place::Target;
-
-/// Reasons why a board cannot do what a bench does.
-pub mod reasons {
-    /// Time.
-    pub const NO_TIME: &str = "a board has no virtual time: its clock goes on by itself";
-    /// Faults of lines.
-    pub const NO_LINE_FAULTS: &str =
-        "the line of a board is a real one, so drivetwin cannot put faults on it; use an emulated drive";
-    /// Scenarios.
-    pub const NO_SCENARIO: &str =
-        "a scenario is played by a bench, and not on a board; switch pins, faults and power from the test";
-    /// Journals.
-    pub const NO_JOURNAL: &str = "a board does not report the outcomes of messages; GET /api/trace has its characters, and ports of the drive its statistics";
-    /// Motors, switches, wires, further drives.
-    pub const NO_BENCH: &str =
-        "a board is one drive, with real pins and a real motor; a bench of emulated drives has this";
-    /// Streams on virtual time.
-    pub const NO_STREAM: &str =
-        "the port of a board is a real one; open the address that uri() returns, for instance with pyserial";
-}
 
 /// USB serial numbers of the boards that are plugged in. `ports` is the folder with the [serial ports](PORTS).
 pub(crate) fn plugged(ports: &Path) -> Vec<String> {
