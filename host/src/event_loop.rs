@@ -240,6 +240,11 @@ impl EventLoop {
         (self.clock, self.follows_board) = (None, true);
     }
 
+    /// Returns true if the clock is that of a board.
+    pub(crate) fn follows_board(&self) -> bool {
+        self.follows_board
+    }
+
     /// Replaces the bench, because a board is a drive of another kind now. The files end with the old bench.
     pub(crate) fn replace_bench(&mut self, bench: Bench) {
         let old = std::mem::replace(&mut self.bench, bench);
@@ -278,6 +283,11 @@ impl EventLoop {
             TimeMode::Manual => None,
         };
         self.begin_idle_run();
+    }
+
+    /// Bench time at a wall time.
+    pub(crate) fn bench_time(&self, wall: WallInstant) -> Instant {
+        self.clock.as_ref().map_or(self.bench.now(), |clock| clock.at(wall))
     }
 
     /// Runs the bench for `span`, then notifies `done`. If the caller leaves before that, the run stops.
@@ -333,6 +343,12 @@ impl EventLoop {
             job(self)();
         }
         self.bench.report_time(at);
+    }
+
+    /// Completes recordings that wait for reports of boards, at the present time.
+    pub(crate) fn complete_recordings(&mut self) {
+        self.catch_up();
+        self.bench.complete_recordings();
     }
 
     /// Completes the files at the present time of the bench. Returns a sentence for each file that is not
@@ -463,7 +479,8 @@ impl EventLoop {
 
     /// Wall time of the next work that needs no input; `None` for never, as in manual time.
     fn due(&self) -> Option<WallInstant> {
-        self.clock.as_ref()?.when(self.next().min(self.ports.deadline()))
+        let next = self.next().min(self.ports.deadline()).min(self.bench.records_at());
+        self.clock.as_ref()?.when(next)
     }
 
     /// Runs the bench up to the present time, but no longer than [`BUDGET`].

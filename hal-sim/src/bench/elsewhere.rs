@@ -157,7 +157,7 @@ impl Bench {
         self.reported.contains_key(&drive)
     }
 
-    /// Lets recordings wait for reports from now on, for a bench whose clock goes on by itself: they are complete until
+    /// Lets recordings wait for reports from now on (BENCH-23), for a bench whose clock goes on by itself: they are complete until
     /// `delay` before the present time, and have the events of all drives in the order of their times. Without this call
     /// the clock follows the reports.
     ///

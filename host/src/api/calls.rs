@@ -9,6 +9,7 @@ use drivetwin_sim::bench::DriveId;
 use drivetwin_sim::commands;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::faults::Party;
+use futures_util::future::join_all;
 use tokio::sync::oneshot;
 
 use super::faults::Faults;
@@ -29,8 +30,9 @@ const MAX_ADVANCE: f64 = 86_400.0;
 pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem> {
     let places = api.places.clone();
     let mut bench = api.call(move |event_loop| Bench::of(event_loop, &places)).await?;
-    for name in api.boards.keys() {
-        bench.add(api.on_board(name.clone(), |board| Ok(BoardView::of(board))).await?);
+    let views = api.boards.keys().map(|name| api.on_board(name.clone(), |board| Ok(BoardView::of(board))));
+    for view in join_all(views).await {
+        bench.add(view?);
     }
     Ok(Json(bench))
 }
@@ -193,16 +195,18 @@ pub(super) async fn disturb(
 /// Plays a scenario from now on, beside those that are played already.
 #[utoipa::path(post, path = "/api/scenario", request_body = Scenario, responses(
     (status = 204),
-    (status = 409, description = "The bench plays 1,000 scenarios already, or has a board.", body = Problem,
+    (status = 409, description = "The bench plays 1,000 scenarios already, or has no emulated drive.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn play(
     State(api): State<Api>,
     Body(scenario): Body<Scenario>,
 ) -> Result<StatusCode, Problem> {
-    api.refuse_with_boards(reasons::NO_SCENARIO)?;
     api.call(move |event_loop| {
         let bench = &mut event_loop.bench;
+        if bench.drives().all(|drive| bench.is_elsewhere(drive)) {
+            return Err(Problem::conflict(reasons::NO_SCENARIO));
+        }
         let scenarios = scenario.on(bench).map_err(Problem::refused)?;
         bench.play_all(scenarios).map_err(Problem::conflict)?;
         event_loop.begin_idle_run();

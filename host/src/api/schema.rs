@@ -34,6 +34,9 @@ pub(super) struct Bench {
     /// Boards at this computer; a board is a drive, too.
     boards: Vec<BoardView>,
     time: Time,
+    /// True if the time is that of the board.
+    #[serde(skip)]
+    follows_board: bool,
 }
 
 /// A board at this computer.
@@ -475,7 +478,7 @@ impl Bench {
         if let Some(seat) = self.drives.iter_mut().find(|seat| seat.name == board.drive) {
             seat.powered = now.as_ref().is_some_and(|now| now.powered);
         }
-        if let Some(now) = now {
+        if let Some(now) = now.filter(|_| self.follows_board) {
             self.time.seconds = self.time.seconds.max(seconds(now.at));
         }
         self.boards.push(board);
@@ -496,6 +499,7 @@ impl Bench {
             motors: motors.collect(),
             boards: Vec::new(),
             time: Time::of(event_loop),
+            follows_board: event_loop.follows_board(),
         }
     }
 }

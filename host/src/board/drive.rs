@@ -182,6 +182,12 @@ impl Drive {
     /// There is no such kind, the board cannot be it, or does not come back in time.
     pub fn choose(&self, kind: &str) -> Result<(), Refusal> {
         catalog::make(kind).map_err(Refusal::Unknown)?;
+        if let Some(kept) = self.shared.kind().filter(|kept| *kept != kind) {
+            return Err(Refusal::Conflict(format!(
+                "{} stays of the kind {kept} while its bench runs; end the run and attach the board alone with drivetwin attach",
+                self.name
+            )));
+        }
         match self.answer(Call::Become(kind)) {
             Ok(_) => self.shared.reconnect(),
             Err(Failure::Refused(Refused::Unknown | Refused::NotHere)) => {
