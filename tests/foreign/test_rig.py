@@ -188,6 +188,8 @@ def test_one_recording_has_the_events_of_all_drives_in_order(rack, tmp_path):
     assert times(text) == sorted(times(text)) and text.endswith(" end\n")
     assert [edge[1:] for edge in edges(text)] == [edge[1:] for edge in found]
     assert re.search(r" a > pin J2.3 low$", text, re.M) and " x < tx 01 03 02 00 01 79 84\n" in text
+    replayed = subprocess.run([os.environ["DRIVETWIN"], "replay", files[0]], capture_output=True, text=True, timeout=PATIENCE)
+    assert replayed.stdout == f"{files[0]}: as expected\n", replayed
     stamps = [int(line[1:]) for line in files[1].read_text().splitlines() if re.fullmatch(r"#\d+", line)]
     assert len(stamps) > 16 and stamps == sorted(stamps)
     assert b"read DeviceAddress" in files[2].read_bytes()

@@ -53,6 +53,9 @@ const LONGEST: usize = 1 << 10;
 /// Bench time between two looks at recordings that wait.
 const LOOK: Duration = Duration::millis(10);
 
+/// Longest time that a frame holds recordings back: twice that of the longest frame of Modbus at 9600 baud.
+const HELD: Duration = Duration::millis(600);
+
 /// Recordings that wait for reports.
 pub(super) struct Waits {
     /// Time after which an event has been reported.
@@ -147,6 +150,9 @@ impl Bench {
 
     fn add_place(&mut self, name: &str, place: Elsewhere) -> Result<DriveId, AddError> {
         let drive = self.add_with(name, Box::new(place), Setup::default())?;
+        if let Some(of) = self.trace.drives.get_mut(drive.0 as usize) {
+            of.elsewhere = true;
+        }
         self.reported.insert(drive, Reported::default());
         Ok(drive)
     }
@@ -214,7 +220,7 @@ impl Bench {
         }
     }
 
-    /// Looks at recordings that wait, if it is time.
+    /// Looks at recordings that wait, if it is time. A frame that is longer than [`HELD`] is several lines.
     pub(super) fn settle(&mut self) {
         let Some(waits) = &mut self.waits else { return };
         if self.now < waits.next {
@@ -224,6 +230,11 @@ impl Bench {
         let until = Instant::ZERO + self.now.since(Instant::ZERO + waits.delay);
         for drive in self.elsewhere() {
             self.end_frames(drive, until);
+            let reported = self.reported.get(&drive);
+            if reported.and_then(Reported::began).is_some_and(|began| until.since(began) > HELD) {
+                self.record_held(drive);
+                self.capture_received(drive, |_| true);
+            }
         }
         let began = self.reported.values().filter_map(Reported::began).min();
         self.settle_until(until.min(began.unwrap_or(Instant::NEVER)));
@@ -572,6 +583,12 @@ mod tests {
             bench.trace().events().skip(fed).map(|entry| entry.drive).collect()
         };
         assert_eq!(order(&bench), [1, 0, 2]);
+        // Without the drives elsewhere, the recording is replayed.
+        let make = |kind: &str| catalog::make(kind).ok();
+        let text = bench.trace().to_text();
+        assert!(text.contains("\ndrive a md3 elsewhere\n"), "{text}");
+        let again = crate::record::trace::Trace::parse(&text, &make).unwrap();
+        assert_eq!(again.to_text(), text);
         // What comes too late has the time until which the recording is complete.
         bench.report(b, at(1_000), level(Level::Low));
         bench.complete_recordings();
@@ -606,6 +623,23 @@ mod tests {
         let mut file = Vec::new();
         pcapng::write(&bench, &mut file).unwrap();
         assert!(String::from_utf8_lossy(&file).contains("read DeviceAddress"));
+    }
+
+    #[test]
+    fn a_stream_without_silence_does_not_hold_the_recording_back_for_long() {
+        let (mut bench, [_, a, _]) = rack();
+        for n in 0..3_000_u64 {
+            let at = Instant::ZERO + Duration::from_ticks(18_333) * n;
+            bench.run_until(at);
+            bench.report(a, at, Event::Input(InputRecord::Bytes { port: Port(0), bytes: vec![0x55] }));
+            assert!(bench.now().since(bench.recorded_until()) <= 1_150.millis(), "{n}");
+        }
+        bench.complete_recordings();
+        let bytes = bench.trace().events().map(|entry| match &entry.event {
+            Event::Input(InputRecord::Bytes { bytes, .. }) => bytes.len(),
+            _ => 0,
+        });
+        assert_eq!(bytes.sum::<usize>(), 3_000);
     }
 
     #[test]

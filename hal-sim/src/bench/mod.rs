@@ -364,6 +364,7 @@ impl Bench {
             boot_fast,
             fast_line: self.settings.line == LineMode::Fast,
             external_motor,
+            elsewhere: false,
             turns_motor: slot.turns_motor(),
             from: now,
             memory,

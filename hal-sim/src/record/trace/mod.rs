@@ -169,6 +169,8 @@ pub struct TraceDrive {
     pub fast_line: bool,
     /// True if a motor of the bench replaces its internal motor.
     pub external_motor: bool,
+    /// True if the drive is on a board, which reported its events. A replay does not repeat them.
+    pub elsewhere: bool,
     /// True if the drive turns a brush or brushless motor, internal or of the bench. The motion of its axis is
     /// then that of the motor, which only [`Event::Shaft`] shows.
     pub turns_motor: bool,
