@@ -557,6 +557,7 @@ mod tests {
             .collect()
     }
 
+    /// BENCH-23.
     #[test]
     fn events_of_drives_elsewhere_and_here_are_in_the_order_of_their_times() {
         let (mut bench, [x, a, b]) = rack();

@@ -82,7 +82,7 @@ pub mod reasons {
     pub const NO_BUS: &str = "the line of a board is a real one, which a master opens by itself";
     /// Motors of a bench.
     pub const NO_MOTOR: &str = "a board turns a real motor";
-    /// Wires, encoders and switches of a bench.
+    /// Wires, encoders and switches of a bench (BENCH-24).
     pub const NO_WIRE: &str = "the pins of a board are real, and so are their wires: connect them with copper, or set them by the control API";
 }
 

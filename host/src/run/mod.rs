@@ -242,12 +242,13 @@ impl Running {
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");
-        for board in self.boards.values() {
-            // A board that is gone has reported what it will.
-            if let Ok(at) = board.drive().and_then(|drive| drive.now()) {
-                self.event_loop.catch_up_with_board(at);
-            }
-        }
+        // A board that is gone has reported what it will. Those that do not answer are waited for at the same time.
+        let times: Vec<_> = std::thread::scope(|scope| {
+            let ask = |board: &Board| board.drive().and_then(|drive| drive.now()).ok();
+            let asked: Vec<_> = self.boards.values().map(|board| scope.spawn(move || ask(board))).collect();
+            asked.into_iter().filter_map(|asked| asked.join().ok().flatten()).collect()
+        });
+        times.into_iter().for_each(|at| self.event_loop.catch_up_with_board(at));
         if !self.boards.is_empty() {
             self.event_loop.complete_recordings();
         }

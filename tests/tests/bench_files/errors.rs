@@ -166,7 +166,7 @@ fn drives() {
 const DRIVES: &str =
     "drive = [{name = 'x', kind = 'md3'}, {name = 'q', kind = 'qsb-m'}, {name = 'r', kind = 'rs434544'}]\n";
 
-/// A board keeps what it is (BENCH-22).
+/// A board keeps what it is (BENCH-22), and its wires are of copper (BENCH-24).
 #[test]
 fn boards() {
     let board = "[[drive]]\nname = 'b'\nboard = 'usb:E661'\n";
