@@ -4,7 +4,7 @@
 //! answer bounds the offset between the two clocks, and all answers together bound it more closely. Between two answers the
 //! bounds widen by as much as the clocks can drift apart.
 
-use std::time::Instant as WallInstant;
+use std::time::{Duration, Instant as WallInstant};
 
 use drivetwin_firmware::device::Instant;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
@@ -76,18 +76,21 @@ impl BoardClock {
         self.offset = self.offset.clamp(self.least, self.greatest);
     }
 
+    /// Greatest error of the wall times.
+    pub(crate) fn error(&self) -> Duration {
+        Duration::from_nanos(self.greatest.abs_diff(self.least))
+    }
+
     /// Wall time at which the board was at `at`, but not after `received`.
     pub(crate) fn wall_at(&self, at: Instant, received: WallInstant) -> WallInstant {
         let nanos = u64::try_from(nanos(at).saturating_add(self.offset)).unwrap_or(0);
-        let wall = self.start.checked_add(std::time::Duration::from_nanos(nanos));
+        let wall = self.start.checked_add(Duration::from_nanos(nanos));
         wall.map_or(received, |wall| wall.min(received))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use proptest::prelude::*;
 
     use super::*;
@@ -147,6 +150,8 @@ mod tests {
                 }
                 let error = board.error(clock.as_ref().unwrap(), asked + there + back);
                 prop_assert!(error <= shortest + 10_000, "{error} after {shortest}");
+                let greatest = clock.as_ref().unwrap().error().as_nanos();
+                prop_assert!(error <= i64::try_from(greatest).unwrap() + 10_000, "{error} is not within {greatest}");
             }
         }
     }

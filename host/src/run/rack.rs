@@ -10,6 +10,7 @@ use std::time::Instant as WallInstant;
 use drivetwin_firmware::device::Instant;
 use drivetwin_sim::config::layout::{BoardLayout, DriveLayout};
 use drivetwin_sim::record::trace::Event;
+use tracing::debug;
 
 use super::Configuration;
 use super::backlog::Backlog;
@@ -100,6 +101,7 @@ fn recorder(handle: BenchHandle, name: &str) -> Sink {
             Report::At(seen) => {
                 if let Some(clock) = &mut clock {
                     clock.see(seen);
+                    debug!("{name}: the clock of the board is known within {} µs", clock.error().as_micros());
                 }
                 return;
             }
