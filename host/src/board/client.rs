@@ -503,7 +503,10 @@ fn open(
     let (mut link, hello) = greet(target)?;
     let spec = check(target, &hello)?;
     if let Some(wanted) = wanted.filter(|wanted| *wanted != spec.kind) {
-        return Err(format!("the board at {target} is a drive of the kind {}, and not {wanted}", spec.kind));
+        return Err(format!(
+            "the board at {target} is a drive of the kind {}, and not {wanted}; change kind in the file, or the kind of the board: drivetwin attach, PUT /api/drives/board/kind",
+            spec.kind
+        ));
     }
     let mut ask = |call| match link.ask(number_of(call), call, wall() + PATIENCE) {
         Ok(answered) => Ok(answered),

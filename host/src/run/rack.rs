@@ -8,7 +8,9 @@ use std::sync::Arc;
 use std::time::Instant as WallInstant;
 
 use drivetwin_firmware::device::Instant;
+use drivetwin_sim::commands::{Drive as _, Refusal};
 use drivetwin_sim::config::layout::{BoardLayout, DriveLayout};
+use drivetwin_sim::config::listen::Uri;
 use drivetwin_sim::record::trace::Event;
 use tracing::debug;
 
@@ -39,11 +41,7 @@ impl Configuration {
             }
             let wanted = Wanted::Kept((!kind.is_empty()).then_some(*kind));
             let board = Board::attach(target.clone(), name, wanted, recorder(handle.clone(), name));
-            let board = board.map_err(|why| {
-                let is_other = !kind.is_empty() && why.ends_with(&format!(", and not {kind}"));
-                let how = "change kind in the file, or the kind of the board: drivetwin attach, PUT /api/drives/board/kind";
-                wrong(if is_other { format!("{why}; {how}") } else { why })
-            })?;
+            let board = board.map_err(wrong)?;
             let session = board.session().map_err(wrong)?;
             targets.push((name.clone(), target));
             boards.insert(name.clone(), board);
@@ -59,9 +57,9 @@ impl Configuration {
 /// One sentence: the board cannot be reached.
 pub(super) fn show(banner: &mut Banner, board: &Board) -> Result<(), String> {
     let session = board.session()?;
-    let away = |refusal: drivetwin_sim::commands::Refusal| refusal.to_string();
+    let away = |refusal: Refusal| refusal.to_string();
     let mut drive = board.drive().map_err(away)?;
-    let peek = |row| drivetwin_sim::commands::Drive::peek(&mut drive, row);
+    let peek = |row| drive.peek(row);
     let unit = session.spec.address.map(peek).transpose().map_err(away)?;
     banner.set_board(
         board.name(),
@@ -73,11 +71,7 @@ pub(super) fn show(banner: &mut Banner, board: &Board) -> Result<(), String> {
 }
 
 /// Address of the bus of a board for masters: the one that a user has given, or the port at the same USB cable.
-pub(super) fn bus_address(
-    given: Option<drivetwin_sim::config::listen::Uri>,
-    board: &Board,
-) -> Option<Address> {
-    use drivetwin_sim::config::listen::Uri;
+pub(super) fn bus_address(given: Option<Uri>, board: &Board) -> Option<Address> {
     match given {
         Some(Uri::Serial(path)) => Some(Address::Port(path)),
         Some(uri) => Some(Address::Uri(uri.to_string())),
