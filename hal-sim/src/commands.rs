@@ -166,6 +166,24 @@ impl State {
     }
 }
 
+/// The present state of a drive of a bench.
+#[must_use]
+pub fn state(bench: &Bench, id: DriveId) -> State {
+    let spec = bench.spec(id);
+    State {
+        powered: bench.powered(id),
+        levels: (0..).map(Pin).zip(spec.pins).map(|(pin, _)| bench.level(id, pin)).collect(),
+        faults: (0..).map(Fault).zip(spec.faults).map(|(fault, _)| bench.faulty(id, fault)).collect(),
+        motion: spec.axes.first().map(|_| bench.motion(id, Axis(0))),
+    }
+}
+
+/// The present values of all registers of a drive of a bench, by the names of the manual.
+#[must_use]
+pub fn values(bench: &Bench, id: DriveId) -> Vec<(&'static str, Value)> {
+    bench.spec(id).rows().map(|(row, of)| (of.name, bench.value(id, row))).collect()
+}
+
 /// A drive on a bench.
 pub struct OnBench<'a> {
     bench: &'a mut Bench,
@@ -189,13 +207,7 @@ impl Drive for OnBench<'_> {
     }
 
     fn state(&mut self) -> Result<State, Refusal> {
-        let (bench, id, spec) = (&*self.bench, self.id, self.spec());
-        Ok(State {
-            powered: bench.powered(id),
-            levels: (0..).map(Pin).zip(spec.pins).map(|(pin, _)| bench.level(id, pin)).collect(),
-            faults: (0..).map(Fault).zip(spec.faults).map(|(fault, _)| bench.faulty(id, fault)).collect(),
-            motion: spec.axes.first().map(|_| bench.motion(id, Axis(0))),
-        })
+        Ok(state(self.bench, self.id))
     }
 
     fn peek(&mut self, row: usize) -> Result<i64, Refusal> {

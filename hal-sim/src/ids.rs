@@ -4,6 +4,14 @@
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct DriveId(pub(crate) u32);
 
+impl DriveId {
+    /// Position of the drive in [`Bench::drives`](crate::bench::Bench::drives).
+    #[must_use]
+    pub fn index(self) -> usize {
+        self.0 as usize
+    }
+}
+
 /// Handle of a serial line, valid for the bench that returned it.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Debug)]
 pub struct Bus(pub(crate) u32);

@@ -208,6 +208,7 @@ impl Banner {
             self.outline(&self.drives[shown..], &mut text);
         }
         if let Some(address) = self.control {
+            let _ = writeln!(text, "panel\n    http://{address}/");
             let _ = writeln!(text, "control\n    http://{address}  (description: /openapi.json)");
             if !address.ip().is_loopback() {
                 text.push_str("    any program that can reach this address can control the drives\n");
@@ -410,7 +411,10 @@ Ctrl-C ends it.
   x8.rs485, 9600 8E1, address 1
 and 292 more drives: 1 echo, 291 md3
   all of them: curl -s http://127.0.0.1:8080/api/bench, or --json
+panel
+    http://127.0.0.1:8080/
 control
+    http://127.0.0.1:8080  (description: /openapi.json)
 ";
         assert!(many.contains(outline), "{many}");
     }

@@ -4,12 +4,15 @@
 
 mod family;
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use drivetwin_firmware::device::{self, Framing, Level, Pin, PinSpec, Role, Spec};
-use drivetwin_protocol::registers::{Legal, Row, Shape, Space, Table, characters};
+use drivetwin_panel::schema::ValueSchema;
+use drivetwin_protocol::registers::{self, Legal, Row, Shape, Space, Table, characters};
 use drivetwin_sim::value::Value;
 use serde::Serialize;
+use utoipa::ToSchema;
 
 /// Description of a kind as JSON, on one line.
 pub fn json(spec: &Spec) -> String {
@@ -61,8 +64,10 @@ pub fn json(spec: &Spec) -> String {
     serde_json::to_string(&kind).expect("plain numbers and text")
 }
 
-#[derive(Serialize)]
-struct Kind {
+/// A kind of drive.
+#[derive(Serialize, ToSchema)]
+#[schema(as = KindDescription)]
+pub(crate) struct Kind {
     kind: &'static str,
     product: &'static str,
     manual: &'static str,
@@ -78,14 +83,16 @@ struct Kind {
     not_modelled: &'static [&'static str],
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = PortDescription)]
 struct Port {
     name: &'static str,
     message_ends: &'static str,
     line: Option<String>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = PinDescription)]
 struct PinOf {
     name: &'static str,
     aliases: Vec<&'static str>,
@@ -93,21 +100,24 @@ struct PinOf {
     rest: &'static str,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = AxisDescription)]
 struct Axis {
     name: &'static str,
     step: Option<&'static str>,
     direction: Option<&'static str>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = EncoderDescription)]
 struct Encoder {
     a: &'static str,
     b: &'static str,
     index: Option<&'static str>,
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = RegisterDescription)]
 struct Register {
     name: &'static str,
     section: &'static str,
@@ -124,10 +134,30 @@ struct Register {
     /// Minimum and maximum of each word, in bus order; only for rows that are not one number.
     words: Option<Vec<(u16, u16)>>,
     acts_within: Option<(i64, i64)>,
+    #[schema(value_type = ValueSchema)]
     default: Value,
     saved_bits: u16,
     doc: String,
+    fields: Vec<Field>,
     not_modelled: Option<&'static str>,
+}
+
+/// Bits of a register that have a meaning of their own.
+#[derive(Serialize, ToSchema)]
+#[schema(as = FieldDescription)]
+struct Field {
+    /// `12:8`, `5`, or `15:0` for a whole register.
+    bits: String,
+    name: &'static str,
+    /// Names of values.
+    #[schema(value_type = BTreeMap<String, String>)]
+    values: BTreeMap<u16, &'static str>,
+}
+
+impl Field {
+    fn of(field: &registers::Field) -> Self {
+        Self { bits: bits(field), name: field.name, values: field.values.iter().copied().collect() }
+    }
 }
 
 impl Register {
@@ -157,12 +187,14 @@ impl Register {
             default: Value::of(table, row.shape, row.reset),
             saved_bits: row.saved,
             doc: doc(row),
+            fields: row.fields.iter().map(Field::of).collect(),
             not_modelled: (!row.missing.is_empty()).then_some(row.missing),
         }
     }
 }
 
-#[derive(Serialize)]
+#[derive(Serialize, ToSchema)]
+#[schema(as = CommandDescription)]
 struct Command {
     code: u16,
     name: &'static str,
@@ -325,6 +357,11 @@ fn sections(spec: &Spec) -> Vec<Section> {
             columns: NAMED,
             rows: by_name(Space::Setting).collect(),
         },
+        Section {
+            title: "Bits and values of registers",
+            columns: &["Register", "Bits", "Meaning", "Values"],
+            rows: rows().flat_map(fields).collect(),
+        },
         Section { title: NOT_MODELLED, columns: &[], rows: missing.collect() },
     ];
     sections.into_iter().filter(|section| !section.rows.is_empty()).collect()
@@ -421,6 +458,23 @@ fn shape(row: &Row) -> String {
 
 fn doc(row: &Row) -> String {
     row.doc.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// Rows of the table of fields: register, bits, meaning, values with a name.
+fn fields(row: &Row) -> impl Iterator<Item = Vec<String>> {
+    row.fields.iter().map(|field| {
+        let values: Vec<_> = field.values.iter().map(|(value, name)| format!("{value} = {name}")).collect();
+        let (bits, name) = match field.name {
+            "" => ("all".into(), "value"),
+            name => (bits(field), name),
+        };
+        vec![row.name.into(), bits, name.into(), values.join("; ")]
+    })
+}
+
+/// The bits of a field: `12:8` or `5`.
+fn bits(field: &registers::Field) -> String {
+    if field.high == field.low { field.low.to_string() } else { format!("{}:{}", field.high, field.low) }
 }
 
 /// The other names of a pin.

@@ -44,8 +44,8 @@ type Job = Box<dyn FnOnce(&mut EventLoop) -> Completion + Send>;
 /// Called when a job has had its whole effect on the bench.
 type Completion = Box<dyn FnOnce() + Send>;
 
-/// A query of the bench. It changes nothing.
-type Query = Box<dyn FnOnce(&Bench) + Send>;
+/// A query of the bench and its clock. It changes nothing.
+type Query = Box<dyn FnOnce(&EventLoop) + Send>;
 
 /// Submitted work, with the caller that waits for its result.
 struct Submission<T> {
@@ -83,7 +83,8 @@ pub(crate) struct BenchHandle {
     jobs: mpsc::Sender<Submission<Job>>,
     queries: mpsc::Sender<Submission<Query>>,
     waker: Arc<OwnedFd>,
-    /// Number of events in the trace and of received messages. Published only while there is a reader.
+    /// A number that changes with what readers see, except for time that goes on by itself. Published only while there
+    /// is a reader.
     grown: Arc<watch::Sender<u64>>,
 }
 
@@ -129,13 +130,13 @@ impl BenchHandle {
     }
 
     /// Submits a query. Queries run between two jobs, and also while the effect of a job is still pending.
-    pub(crate) fn query(&self, caller: Weak<()>, query: impl FnOnce(&Bench) + Send + 'static) {
+    pub(crate) fn query(&self, caller: Weak<()>, query: impl FnOnce(&EventLoop) + Send + 'static) {
         if self.queries.send(Submission { what: Box::new(query), caller }).is_ok() {
             wake(&self.waker);
         }
     }
 
-    /// A receiver that is notified when the trace or a journal grows.
+    /// A receiver that is notified when the trace or a journal grows, a job is done, or the clock of manual time advances.
     pub(crate) fn watch(&self) -> watch::Receiver<u64> {
         self.grown.subscribe()
     }
@@ -169,6 +170,8 @@ pub(crate) struct EventLoop {
     /// Time at which the thread wakes without input.
     alarm: Option<WallInstant>,
     inbox: Inbox,
+    /// Number of jobs done.
+    jobs: u64,
     /// Number of the last received message that is in the log.
     logged: u64,
     /// Number of received messages that are not in the log, because there were too many at once.
@@ -223,6 +226,7 @@ impl EventLoop {
             completion: None,
             alarm: None,
             inbox,
+            jobs: 0,
             logged: 0,
             left_out: 0,
             left_out_logged: Milestones::default(),
@@ -373,7 +377,9 @@ impl EventLoop {
         }
         self.bench.mark_written();
         if self.inbox.grown.receiver_count() > 0 {
-            let mark = self.bench.trace().mark() + self.bench.received_count();
+            let by_hand = if self.clock.is_none() { self.bench.now().ticks() } else { 0 };
+            let mark = self.bench.trace().mark() + self.bench.received_count() + self.jobs;
+            let mark = mark.wrapping_add(by_hand);
             self.inbox.grown.send_if_modified(|seen| std::mem::replace(seen, mark) != mark);
         }
     }
@@ -559,7 +565,7 @@ impl EventLoop {
         self.inbox.queries.collect();
         self.inbox.jobs.collect();
         if let Some(query) = self.inbox.queries.next() {
-            query(&self.bench);
+            query(self);
             wake(&self.inbox.waker);
         }
         if self.is_busy() {
@@ -567,6 +573,7 @@ impl EventLoop {
         }
         if let Some(job) = self.inbox.jobs.next() {
             let completion = job(self);
+            self.jobs += 1;
             if self.idle_run.is_some() {
                 self.completion = Some(completion);
             } else {

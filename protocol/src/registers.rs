@@ -243,6 +243,64 @@ pub struct Entry {
     pub optional: bool,
 }
 
+/// Bits of a register that have a meaning of their own, or the whole register if its values have names.
+///
+/// ```
+/// use drivetwin_protocol::registers::Field;
+/// let parity = Field::bits(5, 4, "parity").values(&[(0, "none"), (1, "odd"), (2, "even")]);
+/// assert_eq!(parity.of(0x0021), 2);
+/// ```
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[non_exhaustive]
+pub struct Field {
+    /// Highest bit of the field, 0 to 15.
+    pub high: u8,
+    /// Lowest bit of the field.
+    pub low: u8,
+    /// Name or meaning, with the unit of a number; empty for a whole register.
+    pub name: &'static str,
+    /// Values that have a name, with it.
+    pub values: &'static [(u16, &'static str)],
+}
+
+impl Field {
+    /// The bits from `high` down to `low`.
+    #[must_use]
+    pub const fn bits(high: u8, low: u8, name: &'static str) -> Self {
+        Self { high, low, name, values: &[] }
+    }
+
+    /// One bit.
+    #[must_use]
+    pub const fn bit(bit: u8, name: &'static str) -> Self {
+        Self::bits(bit, bit, name)
+    }
+
+    /// A whole register whose values have names.
+    #[must_use]
+    pub const fn whole(values: &'static [(u16, &'static str)]) -> Self {
+        Self { high: 15, low: 0, name: "", values }
+    }
+
+    /// Names of values.
+    #[must_use]
+    pub const fn values(mut self, values: &'static [(u16, &'static str)]) -> Self {
+        self.values = values;
+        self
+    }
+
+    /// Value of the field in the value of its register.
+    #[must_use]
+    pub const fn of(&self, register: u16) -> u16 {
+        (register >> self.low) & self.greatest()
+    }
+
+    /// Greatest value of the field.
+    const fn greatest(&self) -> u16 {
+        u16::MAX >> (15 - (self.high - self.low))
+    }
+}
+
 /// A row of a register map: an [`Entry`], and documentation that no board needs. The methods of `Row` are the
 /// words of [`registers!`](crate::registers!).
 #[derive(Clone, Copy, Debug)]
@@ -254,6 +312,8 @@ pub struct Row {
     pub doc: &'static str,
     /// Section of the manual.
     pub section: &'static str,
+    /// Bits and values that have a meaning of their own, in the order of the manual.
+    pub fields: &'static [Field],
     /// Reason why the row is not modelled; empty if it is modelled.
     pub missing: &'static str,
     /// True if the factory value means that nothing is set. A write cannot have this value.
@@ -291,7 +351,14 @@ impl Row {
             variants: u8::MAX,
             optional: false,
         };
-        Self { name: "", doc: "", section, missing: "", unset: false, entry }
+        Self { name: "", doc: "", section, fields: &[], missing: "", unset: false, entry }
+    }
+
+    /// Bits or values that have a meaning of their own.
+    #[must_use]
+    pub const fn fields(mut self, fields: &'static [Field]) -> Self {
+        self.fields = fields;
+        self
     }
 
     /// A holding register for reading and writing.
@@ -909,7 +976,7 @@ impl<R: Register, const WORDS: usize> Bank<R, WORDS> {
 pub const fn check(rows: &[Row], layout: Layout) {
     let mut i = 0;
     while i < rows.len() {
-        let Row { doc, section, unset, entry: row, .. } = &rows[i];
+        let Row { doc, section, fields, unset, entry: row, .. } = &rows[i];
         let (least, greatest) = row.shape.limits();
         if doc.is_empty() || section.is_empty() {
             panic!("a row says what it is and which section of the manual describes it");
@@ -935,6 +1002,7 @@ pub const fn check(rows: &[Row], layout: Layout) {
         {
             panic!("a clamp lies within its shape");
         }
+        check_fields(fields, row.shape);
         if matches!(row.space, Space::Coil | Space::Discrete) != matches!(row.shape, Shape::Bit) {
             panic!("coils and discrete inputs are bits, registers are not");
         }
@@ -955,6 +1023,32 @@ pub const fn check(rows: &[Row], layout: Layout) {
                 && other.address < row.address + row.addresses(layout)
             {
                 panic!("two rows share an address");
+            }
+            j += 1;
+        }
+        i += 1;
+    }
+}
+
+/// Checks the fields of a row at compile time.
+#[expect(clippy::panic, clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
+const fn check_fields(fields: &[Field], shape: Shape) {
+    let mut seen: u16 = 0;
+    let mut i = 0;
+    while i < fields.len() {
+        let field = &fields[i];
+        if field.high > 15 || field.low > field.high || !matches!(shape, Shape::U8 | Shape::U16) {
+            panic!("a field is in a register of one word, its highest bit first");
+        }
+        let mask = field.greatest() << field.low;
+        if seen & mask != 0 {
+            panic!("two fields share a bit");
+        }
+        seen |= mask;
+        let mut j = 0;
+        while j < field.values.len() {
+            if field.values[j].0 > field.greatest() {
+                panic!("a value does not fit into its field");
             }
             j += 1;
         }
@@ -1154,6 +1248,22 @@ const fn starts_range(rows: &[Row], i: usize, view: View, layout: Layout) -> boo
 ///     }
 /// }
 /// # fn main() { let _ = Reg::DeviceAddress; }
+/// ```
+///
+/// Two fields that share a bit do not compile:
+///
+/// ```compile_fail
+/// drivetwin_protocol::registers! {
+///     /// A map.
+///     pub enum Reg: HighFirst {
+///         /// Settings of the line.
+///         Line = rw(0x1c, "1").fields(&[
+///             drivetwin_protocol::registers::Field::bits(5, 3, "parity"),
+///             drivetwin_protocol::registers::Field::bit(3, "stop bits"),
+///         ]),
+///     }
+/// }
+/// # fn main() { let _ = Reg::Line; }
 /// ```
 ///
 /// A register that is also a coil, at the address of another coil, does not compile:

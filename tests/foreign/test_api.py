@@ -392,3 +392,131 @@ def test_a_motor_is_seen_turning(run, tmp_path):
     assert (motor["name"], motor["drive"], motor["stalled"]) == ("m", "x", False)
     assert motor["revolutions"] == pytest.approx(6_250 / 1_600, abs=1e-3)
     assert motor["rpm"] == pytest.approx(5_000 / 1_600 * 60)
+
+
+class Live:
+    """A client that has the state of the bench as `/api/live` tells it."""
+
+    def __init__(self, drivetwin, query=""):
+        self.connection = connect(drivetwin)
+        self.connection.request("GET", "/api/live" + query)
+        self.answer = answered(self.connection)
+        assert self.answer.getheader("Content-Type") == "text/event-stream"
+        self.state, self.traffic, self.updates = {}, [], 0
+
+    def update(self):
+        """Takes the next update."""
+        fields = {}
+        while (line := self.answer.readline().decode()) != "\n":
+            assert line, "the bench is gone"
+            name, _, value = line.rstrip("\n").partition(": ")
+            fields[name] = value
+        if "event" in fields:
+            assert fields["event"] == "update"
+            update = json.loads(fields["data"])
+            assert update, "an update has something"
+            self.state = patched(self.state, update.get("state", {}))
+            self.traffic += update.get("traffic", [])
+            self.updates += 1
+
+    def until(self, wanted):
+        """Takes updates until the state is as wanted."""
+        until = time.monotonic() + PATIENCE
+        while not wanted(self):
+            assert time.monotonic() < until, f"it does not come: {self.state}"
+            self.update()
+
+    def close(self):
+        self.answer.close()
+        self.connection.close()
+
+
+def patched(target, patch):
+    """Section 2 of RFC 7396."""
+    if not isinstance(patch, dict):
+        return patch
+    target = dict(target) if isinstance(target, dict) else {}
+    for name, value in patch.items():
+        if value is None:
+            target.pop(name, None)
+        else:
+            target[name] = patched(target.get(name), value)
+    return target
+
+
+def without_nulls(value):
+    """JSON without members that are null, which a live state does not have."""
+    if not isinstance(value, dict):
+        return value
+    return {name: without_nulls(member) for name, member in value.items() if member is not None}
+
+
+def test_what_is_live_is_what_the_calls_tell(run):
+    drivetwin = run("--fast-boot", "--time", "manual")
+    live, details = Live(drivetwin), Live(drivetwin, "?drive=md3")
+    for client in (live, details):
+        client.update()
+    assert live.state["drives"]["md3"] == {
+        "index": 0, "kind": "md3", "powered": True, "lit": live.state["drives"]["md3"]["lit"],
+        "fault": False, "moving": False, "position": 0, "speed": 0.0,
+    }
+    with drivetwin.socket() as line:
+        assert ask(line, MOVE, len(MOVE)) == MOVE
+    live.until(lambda live: live.state["drives"]["md3"]["moving"] and live.traffic)
+    assert (live.traffic[0]["text"], live.traffic[0]["verdict"]) == ("write MotionControl = 1", "done")
+    assert live.traffic[0]["bytes"] == live.traffic[0]["answer"] == MOVE.hex().upper()
+    # 10,000 steps of the factory settings (7.15) take 2.5 s.
+    time_then = drivetwin.call("POST", "/api/time/advance", {"seconds": 2.5})
+    for client in (live, details):
+        client.until(lambda client: client.state["time"] == time_then)
+    drive = without_nulls(drivetwin.call("GET", "/api/drives/md3"))
+    assert drive["motion"]["position"] == live.state["drives"]["md3"]["position"] == 10_000
+    assert details.state["drive"] == drive
+    (bus,) = drivetwin.call("GET", "/api/buses")
+    name = bus.pop("name")
+    assert live.state["buses"] == {name: without_nulls(bus)}
+    assert live.state["cannot"] == {}
+    for client in (live, details):
+        client.close()
+
+
+def test_what_calls_change_is_live(run):
+    drivetwin = run("--fast-boot", "--time", "manual")
+    live = Live(drivetwin)
+    live.update()
+    drivetwin.call("PUT", "/api/buses/rs485/faults", {"drop": 0.5})
+    live.until(lambda live: live.state["buses"]["rs485"]["faults"]["drop"] == 0.5)
+    drivetwin.call("POST", "/api/drives/md3/power", {"action": "off"})
+    live.until(lambda live: not live.state["drives"]["md3"]["powered"])
+    drivetwin.call("PUT", "/api/time", {"mode": "x2"})
+    live.until(lambda live: live.state["time"]["mode"] == "x2" and "advance" in live.state["cannot"])
+    live.close()
+    assert "the nearest is 'md3'" in refused(drivetwin, "GET", "/api/live?drive=md4")["detail"]
+
+
+def test_a_busy_bench_gives_at_most_30_updates_a_second(run):
+    """A QSB that streams 512 records a second changes all the time."""
+    drivetwin = run("--fast-boot", kind="qsb-d")
+    live = Live(drivetwin, "?drive=qsb-d")
+    live.update()
+    drivetwin.call("POST", "/api/drives/qsb-d/encoder", {"counts": 1_000_000, "hz": 100_000})
+    began, first = time.monotonic(), live.updates
+    while live.updates < first + 40:
+        live.update()
+    # Two updates may have waited for the reader.
+    assert time.monotonic() - began > (40 - 2) / 30
+    counts = live.state["drive"]["registers"]
+    live.until(lambda live: live.state["drive"]["registers"] != counts)
+    live.close()
+
+
+def test_a_reader_that_stops_keeps_nobody_waiting_and_goes_on_with_the_present(run):
+    drivetwin = run("--fast-boot", "--time", "manual")
+    live = Live(drivetwin)
+    live.update()
+    for n in range(1, 300):
+        drivetwin.call("PUT", "/api/drives/md3/registers/Speed", {"value": n})
+        drivetwin.call("POST", "/api/time/advance", {"seconds": 0.001})
+    now = drivetwin.call("POST", "/api/time/advance", {"seconds": 1})
+    live.until(lambda live: live.state["time"] == now)
+    live.close()

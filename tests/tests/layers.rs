@@ -27,6 +27,9 @@ const HAL_SIM: [&str; 19] = [
     "commands",
 ];
 
+/// Modules of `panel/src`, lowest first.
+const PANEL: [&str; 5] = ["units", "faults", "schema", "page", "live"];
+
 /// Modules of `host/src`, lowest first.
 const HOST: [&str; 16] = [
     "options",
@@ -108,6 +111,11 @@ fn check(krate: &str, order: &[&str]) {
 #[test]
 fn folders_of_the_bench_use_only_those_below() {
     check("hal-sim", &HAL_SIM);
+}
+
+#[test]
+fn modules_of_the_panel_use_only_those_below() {
+    check("panel", &PANEL);
 }
 
 #[test]

@@ -480,7 +480,7 @@ fn a_web_page_is_refused() {
 #[test]
 fn every_error_is_a_problem_document() {
     let md3 = md3();
-    md3.call("GET", "/", "").problem(404);
+    md3.call("GET", "/nothing", "").problem(404);
     md3.call("GET", "/api/drives", "").problem(404);
     md3.call("GET", "/api/drives/md4", "").problem(404);
     md3.call("GET", "/api/drives/%FF", "").problem(400);
@@ -572,6 +572,73 @@ fn idle_connections_block_no_other_client() {
     // The first connections were closed to make room, long before their timeout.
     assert_eq!(idle[0].read(&mut [0]).unwrap(), 0);
     assert_eq!(md3.stop(), Some(0));
+}
+
+/// A browser that follows a link of another site, or opens a typed address, sends such headers.
+fn opens(site: &str, dest: &str) -> String {
+    format!("Sec-Fetch-Site: {site}\r\nSec-Fetch-Mode: navigate\r\nSec-Fetch-Dest: {dest}")
+}
+
+#[test]
+fn the_page_has_its_files_and_their_headers() {
+    let md3 = md3();
+    let get = |path: &str, headers: &str| {
+        md3.request(&format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n{headers}Connection: close\r\n\r\n"))
+    };
+    for (path, media) in [
+        ("/", "text/html"),
+        ("/panel/panel.css", "text/css"),
+        ("/panel/main.js", "text/javascript"),
+        ("/panel/favicon.svg", "image/svg+xml"),
+    ] {
+        let file = get(path, "");
+        assert_eq!(file.status, 200, "{path}");
+        for line in [
+            &format!("content-type: {media}; charset=utf-8") as &str,
+            "content-security-policy: default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+            "x-content-type-options: nosniff",
+            "referrer-policy: no-referrer",
+            "cache-control: no-cache",
+        ] {
+            assert!(file.head.lines().any(|other| other == line), "{path} has no {line}: {}", file.head);
+        }
+        let tag = file.head.lines().find_map(|line| line.strip_prefix("etag: ")).expect("a tag");
+        let again = get(path, &format!("If-None-Match: {tag}\r\n"));
+        assert_eq!((again.status, again.body.as_str()), (304, ""), "{path}");
+        assert_eq!(get(path, "If-None-Match: \"0\"\r\n").body, file.body, "{path}");
+    }
+    assert_eq!(get("/panel/nothing.js", "").problem(404), "the panel has no file 'nothing.js'");
+    assert_eq!(get("/panel/../Cargo.toml", "").status, 404);
+    assert_eq!(md3.call("POST", "/", "").status, 405);
+}
+
+#[test]
+fn a_link_of_another_site_opens_the_page_and_nothing_else() {
+    let md3 = md3();
+    let get = |host: &str, path: &str, headers: &str| {
+        let request =
+            format!("GET {path} HTTP/1.1\r\nHost: {host}\r\n{headers}\r\nConnection: close\r\n\r\n");
+        md3.request(&request).status
+    };
+    for site in ["none", "cross-site", "same-site", "same-origin"] {
+        assert_eq!(get("localhost", "/", &opens(site, "document")), 200, "{site}");
+    }
+    assert_eq!(get("localhost", "/", &opens("cross-site", "iframe")), 403);
+    assert_eq!(get("localhost", "/", "Sec-Fetch-Site: cross-site\r\nSec-Fetch-Mode: no-cors"), 403);
+    for path in ["/panel/main.js", "/api/bench", "/openapi.json", "/api/live"] {
+        assert_eq!(get("localhost", path, &opens("cross-site", "document")), 403, "{path}");
+    }
+    // A name that another site may have resolved to this machine.
+    assert_eq!(get("evil.example", "/", &opens("none", "document")), 403);
+}
+
+#[test]
+fn a_kind_is_described_as_by_the_command() {
+    let described = drivetwin(&["describe", "rs434544", "--json"]);
+    let expected: serde_json::Value = serde_json::from_slice(&described.stdout).expect("JSON");
+    assert_eq!(md3().call("GET", "/api/kinds/rs434544", "").ok(), expected);
+    let unknown = md3().call("GET", "/api/kinds/md4", "").problem(404);
+    assert_eq!(unknown, "there is no kind 'md4'; the nearest is 'md3'");
 }
 
 #[test]

@@ -11,7 +11,7 @@ use drivetwin_protocol::modbus::rtu;
 use rustix::fs::{CWD, FileType, Mode, OFlags, mknodat};
 use rustix::process::{Resource, Rlimit, getrlimit, prlimit};
 use rustix::termios::{ControlModes, LocalModes, OptionalActions, tcgetattr, tcsetattr};
-use serde_json::Value;
+use serde_json::{Value, json};
 
 const USER_REGISTER: u16 = 0x1D;
 const EEPROM_CONTROL: u16 = 0x1A;
@@ -162,12 +162,12 @@ fn kinds_are_listed_and_described() {
         assert!(output.status.success(), "{output:?}");
         String::from_utf8(output.stdout).unwrap()
     };
-    let json = |arguments: &[&str]| serde_json::from_str::<Value>(&text(arguments)).unwrap();
-    let kinds = json(&["list", "--json"]);
+    let parsed = |arguments: &[&str]| serde_json::from_str::<Value>(&text(arguments)).unwrap();
+    let kinds = parsed(&["list", "--json"]);
     assert!(kinds.as_array().unwrap().iter().any(|kind| kind["kind"] == "md3"));
     assert!(text(&["list"]).contains("md3"));
 
-    let md3 = json(&["describe", "md3", "--json"]);
+    let md3 = parsed(&["describe", "md3", "--json"]);
     assert_eq!(md3["ports"][0]["line"], "9600 8E1");
     assert_eq!(md3["address_register"], "DeviceAddress");
     let speed = md3["registers"].as_array().unwrap().iter().find(|row| row["name"] == "Speed").unwrap();
@@ -175,6 +175,14 @@ fn kinds_are_listed_and_described() {
         (&speed["address"], &speed["default"], &speed["section"]),
         (&0x14.into(), &5_000.into(), &"7.17".into())
     );
+    // 7.22 and 7.15.
+    let fields = |name: &str| {
+        let rows = md3["registers"].as_array().unwrap();
+        rows.iter().find(|row| row["name"] == name).unwrap()["fields"].clone()
+    };
+    let parity = json!({"bits": "5:4", "name": "parity", "values": {"0": "none", "1": "odd", "2": "even"}});
+    assert_eq!(fields("SerialPortConfiguration")[0], parity);
+    assert_eq!(fields("MotionControl")[5], json!({"bits": "1", "name": "Jog", "values": {}}));
     for form in ["--json", "--markdown"] {
         assert_eq!(text(&["describe", "md3", form]), text(&["describe", "md3", form]));
     }

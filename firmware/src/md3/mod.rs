@@ -8,6 +8,7 @@ mod current;
 mod drive;
 mod eeprom;
 mod encoder;
+mod fields;
 mod inputs;
 mod motion;
 mod motor;

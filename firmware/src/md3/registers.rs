@@ -6,6 +6,7 @@ use drivetwin_protocol::line::{Line, Parity};
 use drivetwin_protocol::registers::{Register, Row, Table};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
+use super::fields;
 use crate::device::Duration;
 
 /// The factory value of [`Reg::SerialPortConfiguration`]: 9600 8E1.
@@ -18,35 +19,35 @@ drivetwin_protocol::registers! {
     pub enum Reg: HighFirst {
         /// Address on the bus. Values out of range are refused.
         DeviceAddress = rw(0x00, "7.1").reset(1).range(1, 247).saved(),
-        /// Motor mode (bit 13), microstepping or PWM frequency (12:8), phase current code (7:0).
-        MotorCurrentAndMicrostepping = rw(0x01, "7.2").reset(0x030a).saved(),
-        /// Cutback timeout in 0.1 s (15:8), cutback current code (7:0).
-        CurrentCutbackSettings = rw(0x02, "7.3").saved(),
+        /// Motor mode, microstepping or PWM frequency, phase current.
+        MotorCurrentAndMicrostepping = rw(0x01, "7.2").reset(0x030a).saved().fields(fields::MOTOR),
+        /// Current at standstill.
+        CurrentCutbackSettings = rw(0x02, "7.3").saved().fields(fields::CUTBACK),
         /// Delay after power-up in addition to 2.5 s, in 10 ms.
         StartupDelay = rw(0x03, "7.4").clamped(0, 65_435).saved(),
-        /// Speed divisor (7:5), direction (4), mode (3:1), home on startup (0).
-        HomingConfiguration = rw(0x04, "7.5").saved(),
+        /// Homing: speed, direction, mode, start.
+        HomingConfiguration = rw(0x04, "7.5").saved().fields(fields::HOMING),
         /// Steps before the search for the home flag.
         PreHomeOffset = rw(0x05, "7.6").i32().saved(),
         /// Steps after the home flag has been found.
         HomeOffset = rw(0x07, "7.7").i32().saved(),
-        /// Encoder enable (12), functions of J2 pin 2 (11:10), 3 (9:8), 4/5 (7:4), polarities (3:0).
-        PinFunctionAndPolarity = rw(0x09, "7.8").saved(),
-        /// Outputs J3 pin 8 (7), J2 pins 9, 10, 12 (6:4); inputs J2 pins 2, 3, 4, 5 (3:0).
-        IOPortData = rw(0x0a, "7.9").reset(0x000f).saved(),
+        /// Functions and polarities of the pins of J2.
+        PinFunctionAndPolarity = rw(0x09, "7.8").saved().fields(fields::PINS),
+        /// Levels of inputs and outputs.
+        IOPortData = rw(0x0a, "7.9").reset(0x000f).saved().fields(fields::PORT),
         /// Do not use.
         Reserved = ro(0x0b, "7.10"),
-        /// Noise filter (9, 8:6), index gating (5:4), swap (3), mode (2:1), index enable (0).
+        /// Decoding of the encoder.
         QuadratureEncoderConfiguration = rw(0x0c, "7.11").reset(0x0005).saved()
-            .not_modelled("not modelled: edges closer than 62.5 ns, the tick of time; the filter's 75 and 150 ns are rounded up to ticks; the limit of 3.3 MHz"),
+            .not_modelled("not modelled: edges closer than 62.5 ns, the tick of time; the filter's 75 and 150 ns are rounded up to ticks; the limit of 3.3 MHz").fields(fields::ENCODER),
         /// Maximum of the encoder counter: the counter wraps to 0 after it.
         QuadratureEncoderMaxCount = rw(0x0d, "7.12").reset(0x0f9f).saved(),
         /// Number of index pulses counted.
         EncoderIndexCount = rw(0x0e, "7.13").i32(),
         /// Number of encoder edges counted.
         QuadratureEncoderCount = rw(0x10, "7.14"),
-        /// Fault (15), Disable (5), Decel-stop (4), Stop (3), Home (2), Jog (1), Move (0).
-        MotionControl = rw(0x11, "7.15").saved_bits(0x0020),
+        /// Commands of motion, and the fault.
+        MotionControl = rw(0x11, "7.15").saved_bits(0x0020).fields(fields::MOTION),
         /// Microsteps of a profile move.
         MoveSteps = rw(0x12, "7.16").i32().reset(10_000).saved(),
         /// Microsteps per second; the sign is the direction of a jog.
@@ -55,12 +56,12 @@ drivetwin_protocol::registers! {
         AlternateSpeed = rw(0x16, "7.18").u32().clamped(0, 40_000).reset(2_500).saved(),
         /// Microsteps per second²; values above 2³¹ − 1 act as 2³¹ − 1.
         AccelDecel = rw(0x18, "7.19").u32().clamped(0, 0x7FFF_FFFF).reset(10_000).saved(),
-        /// CRC status (15:8), read from EEPROM (1), write to EEPROM (0).
-        EEPROMControl = rw(0x1a, "7.20").reset(0x9a00),
-        /// Current type (15), product (14:8), version of the firmware (7:0; a preset can change it).
-        ProductInformation = ro(0x1b, "7.21").range(0xbd00, 0xbdff).reset(Version::HighCurrent.product()),
-        /// Parity (5:4), stop bit (3), baud rate (2:0).
-        SerialPortConfiguration = rw(0x1c, "7.22").reset(FACTORY_SERIAL_PORT as i64).saved(),
+        /// Commands and status of the EEPROM.
+        EEPROMControl = rw(0x1a, "7.20").reset(0x9a00).fields(fields::EEPROM),
+        /// Product and version of the firmware. A preset can change the version.
+        ProductInformation = ro(0x1b, "7.21").range(0xbd00, 0xbdff).reset(Version::HighCurrent.product()).fields(fields::PRODUCT),
+        /// Settings of the serial line.
+        SerialPortConfiguration = rw(0x1c, "7.22").reset(FACTORY_SERIAL_PORT as i64).saved().fields(fields::SERIAL),
         /// Free for the user.
         UserRegister = rw(0x1d, "7.23").saved(),
         /// Serial number. A preset can change it.

@@ -6,6 +6,7 @@
 
 mod drive;
 mod error;
+mod fields;
 mod hybrid;
 mod io;
 mod mcode;

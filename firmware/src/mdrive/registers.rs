@@ -6,6 +6,8 @@ use core::ops::RangeInclusive;
 use crate::motor::stepper::StepperParameters;
 use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
 
+use super::fields;
+
 /// Bits of [`Entry::variants`].
 pub(super) const PLUS: u8 = 1 << 0;
 pub(super) const HYBRID: u8 = 1 << 1;
@@ -31,9 +33,8 @@ drivetwin_protocol::registers! {
         C1 = rw(0x0005, "5").i32().live(),
         /// Edges of the encoder: forward edges minus backward edges.
         C2 = rw(0x0007, "5").i32().live(),
-        /// 1: Ctrl-C restarts the drive; 2 (MCode only): in party mode only a Ctrl-C addressed to this drive
-        /// does.
-        CE = rw(0x0009, "5").u8().range(0, 1).reset(1).saved(),
+        /// Reaction to Ctrl-C; 2 in MCode only.
+        CE = rw(0x0009, "5").u8().range(0, 1).reset(1).saved().fields(fields::CTRL_C),
         /// 1: I/O 7 and 8 are clock inputs or outputs.
         CM = rw(0x000B, "5").u8().range(0, 1).saved().only(PLUS),
         /// Debounce time of input 1, in ms.
@@ -63,8 +64,8 @@ drivetwin_protocol::registers! {
         ER = rw(0x0021, "5").range(0, 0).live(),
         /// Holding current, in %.
         HC = rw(0x0029, "5").u8().range(0, 100).reset(5).saved(),
-        /// Homes to the switch, with type 1 to 4; reads the last type.
-        HM = rw(0x002B, "5").u8().range(1, 4).reset(1),
+        /// Homes to the switch; reads the last type.
+        HM = rw(0x002B, "5").u8().range(1, 4).reset(1).fields(fields::HOMING),
         /// Delay from the end of motion and MT to the holding current HC, in ms: 0 for never, or 2 to 65535 -
         /// MT.
         HT = rw(0x002C, "5").reset(500).saved(),
@@ -82,14 +83,14 @@ drivetwin_protocol::registers! {
         I6 = ro(0x0032, "5").u8().range(0, 1).live().only(PLUS),
         /// Adds 1 to the variable at the address written.
         IC = rw(0x0037, "5").u8().live(),
-        /// Levels of inputs 1 to 4, debounced, input 1 the lowest bit.
-        IL = ro(0x003A, "5").u8().range(0, 15).live(),
-        /// Levels of inputs 1 to 4, not debounced, input 1 the lowest bit.
-        IN = ro(0x003B, "5").u8().range(0, 255).live(),
+        /// Levels of inputs 1 to 4, debounced.
+        IL = ro(0x003A, "5").u8().range(0, 15).live().fields(fields::INPUTS),
+        /// Levels of inputs 1 to 4, not debounced.
+        IN = ro(0x003B, "5").u8().range(0, 255).live().fields(fields::INPUTS),
         /// 1: the jog inputs turn the motor.
         JE = rw(0x003F, "5").u8().range(0, 1).saved(),
-        /// Reaction to a limit, 1 to 6.
-        LM = rw(0x0042, "5").u8().range(1, 6).reset(1).saved(),
+        /// Reaction to a limit.
+        LM = rw(0x0042, "5").u8().range(1, 6).reset(1).saved().fields(fields::LIMIT),
         /// Moves to a position; reads the last target.
         MA = rw(0x0043, "5").i32(),
         /// 1: a move to a position is in progress.
@@ -110,8 +111,8 @@ drivetwin_protocol::registers! {
         O3 = rw(0x004D, "5").u8().range(0, 1).live().also_coil(),
         /// 1: output 4 is active.
         O4 = rw(0x004E, "5").u8().range(0, 1).live().also_coil(),
-        /// Sets outputs 1 to 4, output 1 the lowest bit.
-        OL = rw(0x0055, "5").u8().range(0, 15).live(),
+        /// Sets outputs 1 to 4.
+        OL = rw(0x0055, "5").u8().range(0, 15).live().fields(fields::OUTPUTS),
         /// Sets outputs 1 to 4, output 1 the lowest bit; values above 15 in MCode only.
         OT = rw(0x0056, "5").u8().range(0, 15).live(),
         /// The position: C1, or C2 with EE.
@@ -216,11 +217,10 @@ drivetwin_protocol::registers! {
         CW = variable(3, "MC 5-15").u8().reset(10).saved(),
         /// Lines of the encoder.
         EL = variable(4, "MC 5-22").range(1, MOST_LINES).reset(512).saved(),
-        /// Echo mode: 0 all characters and prompts, 1 only CR LF, 2 nothing, 3 the whole line after its end.
-        EM = variable(5, "MC 5-22").range(0, 3).saved(),
-        /// Key that stops motion and program: 0 Ctrl-E, 1 Esc; 2 and 3 the same keys, in party mode only if
-        /// addressed to this drive.
-        ES = variable(6, "MC 5-23").range(0, 3).reset(1).saved(),
+        /// Echo mode.
+        EM = variable(5, "MC 5-22").range(0, 3).saved().fields(fields::ECHO),
+        /// Key that stops motion and program.
+        ES = variable(6, "MC 5-23").range(0, 3).reset(1).saved().fields(fields::ESCAPE),
         /// Filter of the capture input, by number.
         FC = variable(7, "MC 5-25").range(0, 9).saved(),
         /// Filter of the clock inputs and of a remote encoder, by number.
@@ -257,8 +257,8 @@ drivetwin_protocol::registers! {
         S13 = variable(33, "MC 5-67").words(2).reset(60 << 16).saved(),
         /// Baud rate of drives with a serial port.
         BD = variable(35, "MC 5-4").one_of(&[48, 96, 19, 38, 11]).reset(96).saved().not_modelled("TCP has none"),
-        /// Checksums of drives with a serial port: 0 off, 1 on, 2 on, but without ACK while a program runs.
-        CK = variable(36, "MC 5-12").range(0, 2).saved(),
+        /// Checksums of drives with a serial port.
+        CK = variable(36, "MC 5-12").range(0, 2).saved().fields(fields::CHECKSUM),
         /// Drives with a serial port: 1: no answer to lines that are for all drives.
         DG = variable(37, "MC 5-19").range(0, 1).reset(1).saved(),
         /// Drives with a serial port: name of the drive, one character.

@@ -6,6 +6,7 @@
 mod alarm;
 mod command;
 mod drive;
+mod fields;
 mod inputs;
 mod reasons;
 mod reference;

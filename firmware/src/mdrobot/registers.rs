@@ -3,6 +3,8 @@
 
 use drivetwin_protocol::line::{Line, Parity};
 
+use super::fields;
+
 /// Given instead of a page for what only public clients of later controllers show (MDROBOT-10).
 pub(super) const LATER: &str = "not in V1.1";
 
@@ -46,42 +48,38 @@ drivetwin_protocol::registers! {
         INV_ALARM_18 = known(18, "2.4"),
         /// 1: the ALARM pin is low while there is no alarm.
         INV_ALARM = rw(19, "p. 8").u8().range(0, 1).saved(),
-        /// Poles of the motor: codes 0 to 5 are 4, 8, 10, 12, 2, 6 poles; a higher code is half the number of
-        /// poles.
-        HALL_TYPE = rw(21, "p. 8").u8().saved(),
-        /// State at reference zero: 0 free, 1 speed control at zero, 2 electric brake, 3 free at once.
-        STOP_STATUS = rw(24, "p. 8").u8().range(0, 3).saved(),
-        /// Type of the speed input: 0 analogue or PWM, 1 joystick, 2 pulses, 3 RC, 5 seven steps.
-        INPUT_TYPE = rw(25, "p. 8").u8().one_of(&[0, 1, 2, 3, 5]).saved(),
+        /// Poles of the motor; a code above 5 is half the number of poles.
+        HALL_TYPE = rw(21, "p. 8").u8().saved().fields(fields::HALL_TYPE),
+        /// State at reference zero.
+        STOP_STATUS = rw(24, "p. 8").u8().range(0, 3).saved().fields(fields::STOP_STATUS),
+        /// Type of the speed input.
+        INPUT_TYPE = rw(25, "p. 8").u8().one_of(&[0, 1, 2, 3, 5]).saved().fields(fields::INPUT_TYPE),
         /// Named only in the manual's header.
         PRESET_SAVE = known(30, "2.4"),
         /// Named only in the manual's header.
         PRESET_RECALL = known(31, "2.4"),
-        /// A bit for each alarm: 0 any alarm, 1 CTRL_FAIL, 2 OVER_VOLT, 3 OVER_TEMP, 4 OVER_LOAD, 5
-        /// HALL_FAIL, 6 INV_VEL, 7 STALL.
-        CTRL_STATUS = ro(34, "p. 9").u8().live(),
+        /// Alarms.
+        CTRL_STATUS = ro(34, "p. 9").u8().live().fields(fields::CTRL_STATUS),
         /// 1: START/STOP is ON while it is high.
         START_INV_SIGN = rw(36, "p. 9").u8().range(0, 1).saved(),
         /// 1: RUN/BRAKE is ON while it is high.
         RUN_INV_SIGN = rw(37, "p. 9").u8().range(0, 1).saved(),
-        /// Reaction to an open limit switch: 0 free, 1 electric brake.
-        LIMIT_STOP_COND = rw(40, "p. 9").u8().range(0, 1).saved(),
+        /// Reaction to an open limit switch.
+        LIMIT_STOP_COND = rw(40, "p. 9").u8().range(0, 1).saved().fields(fields::LIMIT_STOP),
         /// 1: the speed input is a torque reference.
         TQ_CTRL = rw(44, "p. 10").u8().range(0, 1).saved(),
         /// 1 enables Bluetooth.
         BLUETOOTH = rw(45, "p. 10").u8().range(0, 1).saved().not_modelled("there is no radio"),
-        /// Inputs of the CTRL connector: 0 INT_SPEED, 1 ALARM_RESET, 2 DIR, 3 RUN/BRAKE, 4 START/STOP, 5
-        /// ENC_B, 6 ENC_A.
-        DI = ro(48, "p. 11").u8().live(),
+        /// Inputs of the CTRL connector.
+        DI = ro(48, "p. 11").u8().live().fields(fields::DI),
         /// 1 while the position error is within IN_POSITION.
         IN_POSITION_OK = ro(49, "p. 11").u8().range(0, 1).live(),
         /// A byte that reads back as written until power-off; clients store a flag of their own in it.
         TQ_RATIO = rw(66, LATER).u8().not_modelled("no public client shows what it scales"),
-        /// Source of commands: 1 the bus, 0 the CTRL connector.
-        UI_COM = rw(78, "p. 7").u8().range(0, 1),
-        /// 0 stop, 1 CCW, 2 CW, at COM_TAR_SPEED if that is not 0. While it is 1 or 2, the bus may move the
-        /// motor.
-        START_STOP = rw(100, "p. 12").u8().range(0, 2),
+        /// Source of commands.
+        UI_COM = rw(78, "p. 7").u8().range(0, 1).fields(fields::UI_COM),
+        /// Motion at COM_TAR_SPEED if that is not 0. While START_STOP is not 0, the bus may move the motor.
+        START_STOP = rw(100, "p. 12").u8().range(0, 2).fields(fields::START_STOP),
         /// Velocity reference in rpm, positive CCW.
         VEL_CMD = rw(130, "p. 12").i16(),
         /// Named only in the manual's header.
@@ -152,9 +150,8 @@ drivetwin_protocol::registers! {
         COM_TAR_SPEED = rw(180, "p. 15"),
         /// Current limit of the motor, in 0.1 A; the same value as MAX_LOAD.
         MAX_LOAD_181 = rw(181, "p. 15").reset(200).live(),
-        /// The function that START/STOP and FUNC_CMD start: 0 none, 1 SPEED, 2 POSITION, 3 SPEED_MOMENTARY, 4
-        /// SPEED_ADD. DH is ignored; DL above 4 is refused.
-        FUNC_CMD_TYPE = rw(183, "p. 15").saved(),
+        /// The function that START/STOP and FUNC_CMD start. DH is ignored; DL above 4 is refused.
+        FUNC_CMD_TYPE = rw(183, "p. 15").saved().fields(fields::FUNCTION),
         /// If not 0, the start signal is ON, as by START/STOP.
         FUNC_CMD = wo(184, "p. 16"),
         /// Named only in the manual's header.

@@ -11,6 +11,7 @@ mod command;
 mod dio;
 mod dispatch;
 mod encoder;
+mod fields;
 mod motor;
 mod reasons;
 mod registers;

@@ -2,6 +2,8 @@
 
 use drivetwin_protocol::line::{Line, Parity};
 
+use super::fields;
+
 /// Factory value of the firmware's version.
 const FIRMWARE: i64 = 0x0E;
 
@@ -27,35 +29,29 @@ pub(super) const S: Variant = Variant { bit: 1 << 2, letter: b'S', digit: 2, lin
 drivetwin_protocol::registers! {
     /// Registers for the letters R, W and S, and after them settings that a command or the maker sets.
     pub enum Reg: ObjectsHighFirst {
-        /// Bits 1:0 type of encoder: 0 quadrature or step/direction, 1 PWM, 2 analogue. Bit 4 reads 1 while
-        /// the signal is that of a 12-bit PWM encoder.
-        Mode = rw(0x00, "MODE").u8().one_of(&[0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18]).saved(),
+        /// Type of encoder.
+        Mode = rw(0x00, "MODE").u8().one_of(&[0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18]).saved().fields(fields::MODE),
         /// Reads the levels of DIO3 to DIO0; writes their open-drain outputs.
-        DigIO = rw(0x01, "DIG I/O").u8().range(0, 0xF).reset(0xF).saved().streams().only(D.bit | M.bit),
-        /// Bits 3:0 edge that captures, 1 for the falling edge; 7:4 enable captures; 11:8 pins that are
-        /// outputs; 12 a trigger makes a pulse on DIO0. A write releases all pins.
+        DigIO = rw(0x01, "DIG I/O").u8().range(0, 0xF).reset(0xF).saved().streams().only(D.bit | M.bit).fields(fields::DIO),
+        /// Use of DIO3 to DIO0. A write releases all pins.
         DigIOConfig = rw(0x02, "DIG I/O CONFIG").range(0, 0x1FFF).saved().only(D.bit | M.bit)
-            .not_modelled("not modelled: captures by the motor's own steps"),
-        /// Bits 1:0 non-quadrature, x1, x2, x4; 3:2 free-running, single-cycle, range-limit, modulo-n; 5:4
-        /// effect of the index: none, loads CNTR, clears CNTR, loads OTR; 6 synchronous index; 7 half the
-        /// filter's clock.
-        Mdr0 = rw(0x03, "MDR0").u8().reset(0x4F).saved(),
-        /// Bit 2 stops counting; 3 inverts the index; 7:4 select the triggers overflow, underflow, match and
-        /// index; bit 4 also captures the count at the index; 8 counts down. Bits 1:0 read 0: the counter has
-        /// 32 bits.
-        Mdr1 = rw(0x04, "MDR1").range(0, 0x1FF).saved(),
+            .not_modelled("not modelled: captures by the motor's own steps").fields(fields::DIO_CONFIG),
+        /// Mode of the counter.
+        Mdr0 = rw(0x03, "MDR0").u8().reset(0x4F).saved().fields(fields::MDR0),
+        /// Further modes of the counter. Bits 1:0 read 0: the counter has 32 bits.
+        Mdr1 = rw(0x04, "MDR1").range(0, 0x1FF).saved().fields(fields::MDR1),
         /// The count at the last index or input edge that captured.
         Capture = ro(0x05, "CAPTURE").u32().streams(),
-        /// Bits 7:0 CY, BW, CMP, IDX, CEN, PLS, U/D and S of the counter.
-        Str = ro(0x06, "STR").u8().reset(0x0A).streams(),
+        /// Status of the counter.
+        Str = ro(0x06, "STR").u8().reset(0x0A).streams().fields(fields::STR),
         /// The present count.
         Otr = ro(0x07, "OTR").u32(),
         /// Value that is loaded into the counter and compared with it.
         Dtr = rw(0x08, "DTR").u32().reset(0x1F3).saved(),
-        /// Clears a register: 0 MDR0, 1 MDR1, 2 CNTR, 3 STR.
-        ClearReg = wo(0x09, "CLEAR REG").u8().range(0, 3),
-        /// Copies a register: 0 DTR to CNTR, 1 CNTR to OTR.
-        LoadReg = wo(0x0A, "LOAD REG").u8().range(0, 1),
+        /// Clears a register.
+        ClearReg = wo(0x09, "CLEAR REG").u8().range(0, 3).fields(fields::CLEAR),
+        /// Copies a register.
+        LoadReg = wo(0x0A, "LOAD REG").u8().range(0, 1).fields(fields::LOAD),
         /// Least change of the encoder's value for the next streamed value; 0 streams every value.
         Threshold = rw(0x0B, "THRESHOLD").saved(),
         /// Time between two streamed values of the encoder, in 1/512 s: 0 as fast as possible, 0xFFFF never.
@@ -73,13 +69,13 @@ drivetwin_protocol::registers! {
         MdMoveSteps = rw(0x11, "MD MOVE STEPS").i32().range(-0x7FFF_FFFF, 0x7FFF_FFFF).saved().only(M.bit),
         /// Speed of a jog in steps/s, used in multiples of 16.
         MdJogRate = rw(0x12, "MD JOG RATE").i32().range(-13_000, 13_000).reset(0x20).saved().only(M.bit),
-        /// Bit 0 ready, 1 moving, 2 paused, 3 jogging, 4 the motor drive is active.
-        MdStatus = ro(0x13, "MD STATUS").u8().reset(1).streams().only(M.bit),
+        /// Status of the motor drive.
+        MdStatus = ro(0x13, "MD STATUS").u8().reset(1).streams().only(M.bit).fields(fields::MD_STATUS),
         /// Five digits of the serial number, one digit of the variant (0 D, 1 M, 2 S), two digits of the
         /// firmware.
         Version = ro(0x14, "VERSION").u32(),
-        /// Format of responses: bit 0 LF, 1 CR, 2 time stamp, 3 spaces between fields.
-        Eor = rw(0x15, "EOR").u8().range(0, 0xF).reset(0xB).saved(),
+        /// Format of responses.
+        Eor = rw(0x15, "EOR").u8().range(0, 0xF).reset(0xB).saved().fields(fields::EOR),
         /// 1 ends streams, 3 saves, x0A sets the baud rate. QSB-M only: 0 ends the motor drive, 2 starts it,
         /// 4 stops, 5 quits, 6 pauses, 7 resumes, 8 moves, 9 jogs.
         Command = wo(0x16, "COMMAND").u32().one_of(&[
@@ -91,9 +87,8 @@ drivetwin_protocol::registers! {
         BaudRate = setting(1, "COMMAND A").u8().range(0, 7).reset(FACTORY_RATE as i64).saved(),
         /// 1 if command 3 has saved an active motor drive, which is active again after a reset.
         MotorDrive = setting(2, "COMMAND 3").u8().range(0, 1).saved().only(M.bit),
-        /// Streams that command 3 has saved and that run again after a reset: bits 0 DIG I/O, 1 CAPTURE, 2
-        /// STR, 3 READ ENCODER, 4 MD STATUS.
-        Streams = setting(3, "COMMAND 3").u8().range(0, 0x1F).saved(),
+        /// Streams that command 3 has saved and that run again after a reset.
+        Streams = setting(3, "COMMAND 3").u8().range(0, 0x1F).saved().fields(fields::STREAMS),
         /// Version of the firmware: the last two digits of VERSION in hexadecimal, and of the banner.
         Firmware = setting(4, "VERSION").u8().reset(FIRMWARE).saved(),
     }

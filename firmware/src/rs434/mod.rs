@@ -6,6 +6,7 @@
 mod commands;
 mod drive;
 mod errors;
+mod fields;
 mod inputs;
 mod motion;
 mod port;

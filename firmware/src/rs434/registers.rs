@@ -3,7 +3,7 @@
 use drivetwin_protocol::line::{Line, Parity};
 use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Space, Table, entries};
 
-use super::LINES;
+use super::{LINES, fields};
 
 /// The two models, which differ in a few registers and limits.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -41,8 +41,8 @@ drivetwin_protocol::registers! {
         /// 1 makes CURRENT_POSITION 0; reads 0.
         CLR_POSITION_bit = coil(0x2003, "6.2"),
 
-        /// 0 the motor stands, 1 it turns forward, 2 it turns backward.
-        STATUS = input(0x3000, "6.3").range(0, 2).live(),
+        /// State of the motor.
+        STATUS = input(0x3000, "6.3").range(0, 2).live().fields(fields::STATUS),
         /// Current from the supply to the motor, in mA; 0 while current flows back.
         CURRENT_VALID = input(0x3001, "6.3").live(),
         /// Speed of the motor, in rpm.
@@ -57,30 +57,27 @@ drivetwin_protocol::registers! {
         TEMPERATURE_BRAKE = input(0x3007, "6.3").reset(250).live(),
         /// A new random number at each read.
         TASK_COUNTER = input(0x3008, "6.3").live(),
-        /// 1 stopped by the bus, 2 started by the bus, 3 started by power-on, 4 running, 5 ended by END, 6
-        /// ended by ENDF, 7 ended by an error.
-        STATUS_USER_PROGRAM = input(0x3009, "6.3").range(1, 7).reset(1).live(),
+        /// State of the user program.
+        STATUS_USER_PROGRAM = input(0x3009, "6.3").range(1, 7).reset(1).live().fields(fields::PROGRAM),
 
         /// Address on the bus; with 0 the drive obeys broadcasts and answers nothing. Takes effect after a
         /// save and a restart.
         SLAVE_ADDRESS_MODBUS = rw(0x5000, "6.4").range(0, 247).reset(1).saved(),
-        /// 1 ASCII 7E1, 2 ASCII 7O1, 3 RTU 8E1, 4 RTU 8O1, 5 RTU 8N2. Takes effect after a save and a
-        /// restart.
-        TYPE_MODBUS = rw(0x5001, "6.4").range(1, 5).reset(3).saved(),
-        /// 0 to 10: 600, 1,200, 2,400, 4,800, 9,600, 14,400, 19,200, 38,400, 57,600, 115,200, 128,000 baud.
-        /// Takes effect after a save and a restart.
-        BITRATE_MODBUS = rw(0x5002, "6.4").range(0, 10).reset(9).saved(),
+        /// Protocol and parity. Takes effect after a save and a restart.
+        TYPE_MODBUS = rw(0x5001, "6.4").range(1, 5).reset(3).saved().fields(fields::TYPE),
+        /// Baud rate. Takes effect after a save and a restart.
+        BITRATE_MODBUS = rw(0x5002, "6.4").range(0, 10).reset(9).saved().fields(fields::BITRATE),
         /// Delay of every reply, in ms. Takes effect after a save and a restart.
         TIMEOUT_BROADCAST_MODBUS = rw(0x5003, "6.4").saved(),
 
-        /// 1 the bus starts the motor, 2 the inputs start it.
-        MODE_DEVICE = rw(0x5004, "6.5").range(1, 2).reset(1).saved(),
-        /// 1 stops the user program, 2 starts it; 3, if saved, starts it at power-on.
-        MODE_USER_PROGRAM = rw(0x5005, "6.5").range(1, 3).reset(1).saved(),
-        /// 1 continuous rotation, 2 a move by OFFSET, 3 a move to the position selected by POSITION_N.
-        MODE_ROTATION = rw(0x5006, "6.5").range(1, 3).reset(1).saved(),
-        /// Function of IN1 and IN2, 1 to 5.
-        MODE_EXT_IN = rw(0x5007, "6.5").range(1, 5).reset(1).saved(),
+        /// Source of commands for the motor.
+        MODE_DEVICE = rw(0x5004, "6.5").range(1, 2).reset(1).saved().fields(fields::MODE_DEVICE),
+        /// Command for the user program.
+        MODE_USER_PROGRAM = rw(0x5005, "6.5").range(1, 3).reset(1).saved().fields(fields::MODE_PROGRAM),
+        /// Type of motion.
+        MODE_ROTATION = rw(0x5006, "6.5").range(1, 3).reset(1).saved().fields(fields::MODE_ROTATION),
+        /// Function of IN1 and IN2.
+        MODE_EXT_IN = rw(0x5007, "6.5").range(1, 5).reset(1).saved().fields(fields::MODE_EXT_IN),
         /// Number of the position for a move to a position.
         POSITION_N = rw(0x5008, "6.5").range(1, 4).reset(1).saved(),
         /// Current limit of the motor, in mA.
@@ -93,14 +90,14 @@ drivetwin_protocol::registers! {
         ACC = rw(0x500C, "6.5").range(10, 1_000).reset(100).saved(),
         /// Deceleration, in the unit of ACC.
         DEC = rw(0x500D, "6.5").range(10, 1_000).reset(100).saved(),
-        /// 1 forward, 2 backward.
-        DIRECTION = rw(0x500E, "6.5").range(1, 2).reset(1).saved(),
+        /// Direction of rotation.
+        DIRECTION = rw(0x500E, "6.5").range(1, 2).reset(1).saved().fields(fields::DIRECTION),
         /// Pulses of one Hall sensor per turn.
         PULSES_PER_REVOLUTION = rw(0x500F, "6.5").range(1, 12).reset(4).saved(),
         /// Number of Hall sensors used.
         USE_HALL = rw(0x5010, "6.5").range(0, 2).reset(2).saved(),
-        /// State of the motor's terminals at standstill: 0 open, 1 shorted together.
-        MODE_COIL = rw(0x5011, "6.5").range(0, 1).saved(),
+        /// State of the motor's terminals at standstill.
+        MODE_COIL = rw(0x5011, "6.5").range(0, 1).saved().fields(fields::MODE_COIL),
         /// Counts by which the stopping point of a move is shifted in the direction of the motion.
         OFFSET_COMPENSATION = rw(0x5012, "6.5").i16().saved(),
         /// Time for which a contact must be closed for a pulse, in ms.
@@ -121,8 +118,8 @@ drivetwin_protocol::registers! {
         TARGET_POSITION3 = rw(0x501F, "6.5").i32().saved(),
         /// Position 4; not saved.
         TARGET_POSITION4 = rw(0x5021, "6.5").i32(),
-        /// A bit for each error. Writing 0 clears bits 8 and 11 to 15; the others stay until a restart.
-        ERROR = rw(0x5023, "6.5").live(),
+        /// Errors. Writing 0 clears bits 8 and 11 to 15; the others stay until a restart.
+        ERROR = rw(0x5023, "6.5").live().fields(fields::ERROR),
         /// 0x37FA saves 5000h to 5020h; reads 0.
         FLAG_SAVE_INI = rw(0x5024, "6.5").one_of(&[0, key::SAVE]),
         /// 0x8426 saves the user program from the buffer, 0x9346 loads it into the buffer; reads 0.

@@ -66,7 +66,7 @@ use events::EventKind;
 use motors::MotorSlot;
 pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
-pub use pin_wires::StepOutput;
+pub use pin_wires::{StepOutput, Wire, WireOutput};
 pub use received::{Accesses, Counts, News, Received, ReceivedMessage, Receiver};
 use scenario::Playing;
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
@@ -431,6 +431,13 @@ impl Bench {
     #[must_use]
     pub fn is_taken(&self, name: &str) -> bool {
         self.names.contains_key(name)
+    }
+
+    /// Numbers that change when a drive, line, motor or wire is added, or when a board becomes a drive of another kind.
+    #[must_use]
+    pub fn shape(&self) -> [usize; 5] {
+        let generation = self.trace.generation() as usize;
+        [generation, self.slots.len(), self.buses.len(), self.motors.len(), self.wire_count()]
     }
 
     /// Record of all inputs and outputs of the drives, as far as [`Settings::trace`] retains it.

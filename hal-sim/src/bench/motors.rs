@@ -72,9 +72,9 @@ pub(super) struct MotorSlot {
     /// Commands that have not reached the motor yet, with their times of arrival.
     inbox: VecDeque<(Instant, MotorCommand)>,
     /// Wires from its Hall sensors.
-    halls: Vec<u32>,
+    pub(super) halls: Vec<u32>,
     reports: MotorReports,
-    sensors: Vec<Sensor>,
+    pub(super) sensors: Vec<Sensor>,
     wakes: Wakes,
     /// Number of the next event; events with earlier numbers are outdated.
     number: u32,

@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{Axis, Duration, Instant, Level, Pin};
 
 use super::events::EventKind;
-use super::{Bench, DriveId, PinStimulus};
+use super::{Bench, DriveId, Motor, PinStimulus};
 use crate::record::trace::{Event, InputRecord, Power};
 use crate::scheduler::Phase;
 use crate::signals::pulses::{self, Pulse};
@@ -21,6 +21,28 @@ pub(super) struct PinWire {
 pub struct StepOutput {
     drive: DriveId,
     axis: Axis,
+}
+
+/// A wire of a bench, see [`Bench::wires`].
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct Wire {
+    /// The output.
+    pub from: WireOutput,
+    /// The input pin.
+    pub to: (DriveId, Pin),
+}
+
+/// The output that a wire comes from.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub enum WireOutput {
+    /// An output pin of a drive.
+    Pin(DriveId, Pin),
+    /// A Hall sensor of a motor.
+    Hall(Motor),
+    /// An encoder on a shaft: channel A (0), channel B (1) or the index (2).
+    Encoder(Motor, u8),
+    /// A switch on a shaft.
+    Switch(Motor),
 }
 
 impl DriveId {
@@ -102,6 +124,31 @@ impl Bench {
         if first {
             self.schedule_wave_edge(from.0.0, from.1);
         }
+    }
+
+    /// All wires: those between pins in the order of their drives, then those from the shafts of motors.
+    #[must_use]
+    pub fn wires(&self) -> Vec<Wire> {
+        let to = |wire: u32| self.wires.get(wire as usize).map(|wire| wire.to);
+        let outputs = self.drives().flat_map(|drive| {
+            let pins = (0..).map(Pin).zip(&self.at(drive).state.pins);
+            pins.flat_map(move |(pin, state)| {
+                state.drives_wires.iter().map(move |&wire| (WireOutput::Pin(drive, pin), wire))
+            })
+        });
+        let outputs = outputs.chain(self.shaft_wires());
+        outputs.filter_map(|(from, wire)| Some(Wire { from, to: to(wire)? })).collect()
+    }
+
+    /// Number of wires.
+    pub(super) fn wire_count(&self) -> usize {
+        self.wires.len()
+    }
+
+    /// Time of the next edge of a wave that a drive outputs at a pin; [`Instant::NEVER`] if it outputs none there.
+    #[must_use]
+    pub fn next_edge(&self, drive: DriveId, pin: Pin) -> Instant {
+        self.at(drive).wave_after(self.now, pin).map_or(Instant::NEVER, |(due, _)| due)
     }
 
     /// Sets the initial level of a new wire. A drive that was added at this instant receives it now, before

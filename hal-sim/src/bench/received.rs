@@ -247,7 +247,7 @@ impl News {
         self.last
     }
 
-    /// Number of entries among them that full journals have dropped.
+    /// Number of entries among them that full journals have dropped, or that a list of the newest leaves out.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost
@@ -344,6 +344,38 @@ impl Bench {
         entries.truncate(most);
         let last = entries.last().map_or(last, |(_, _, entry)| if all { last } else { entry.number });
         let lost = last - after - entries.len() as u64;
+        let entries = entries.into_iter().map(|(receiver, spec, entry)| (receiver, spec, entry.clone()));
+        News { entries: entries.collect(), last, lost }
+    }
+
+    /// The newest messages after number `after`, at most `most`: to all drives, or to one drive and on its
+    /// lines. [`News::lost`] is the number of those that are left out.
+    #[must_use]
+    pub fn received_lately(&self, after: u64, most: usize, drive: Option<DriveId>) -> News {
+        let last = self.received_count();
+        if last <= after {
+            return News { last: after, ..News::default() };
+        }
+        let drives = self.drives().filter(|&id| drive.is_none_or(|only| only == id));
+        let drives = drives.map(|id| (Receiver::Drive(id), self.spec(id), &self.at(id).state.journal));
+        let lines = self.buses.iter().zip(0..).filter_map(|(line, number)| {
+            let (of, _) = match drive {
+                None => line.ports.first()?,
+                Some(drive) => line.ports.iter().find(|(id, _)| *id == drive)?,
+            };
+            Some((Receiver::Line(Bus(number)), self.spec(*of), &line.journal))
+        });
+        let (mut entries, mut held) = (Vec::new(), 0);
+        for (receiver, spec, journal) in drives.chain(lines) {
+            let new = journal.after(after);
+            held += new.len() as u64;
+            entries.extend(new.rev().take(most).map(|entry| (receiver, spec, entry)));
+        }
+        entries.sort_by_key(|(_, _, entry)| entry.number);
+        entries.drain(..entries.len().saturating_sub(most));
+        // Of all drives the numbers say how many full journals have dropped.
+        let all = if drive.is_none() { last - after } else { held };
+        let lost = all - entries.len() as u64;
         let entries = entries.into_iter().map(|(receiver, spec, entry)| (receiver, spec, entry.clone()));
         News { entries: entries.collect(), last, lost }
     }

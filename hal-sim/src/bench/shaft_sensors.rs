@@ -8,7 +8,7 @@ use drivetwin_firmware::device::{Instant, Level, Pin};
 use drivetwin_firmware::motor::{Kinematics, Rotor};
 
 use super::motors::{Motor, TURN};
-use super::{Bench, DriveId};
+use super::{Bench, DriveId, WireOutput};
 use crate::signals::pin_waveform::level_of;
 
 /// Range of the cycles of an encoder per revolution.
@@ -267,6 +267,25 @@ impl Bench {
         if let Some(to) = to.into_iter().flatten().next() {
             self.add_sensor(motor, to, SensorKind::Encoder { counts: 4 * i64::from(cycles), wires });
         }
+    }
+
+    /// Wires from Hall sensors, encoders and switches on the shafts of motors.
+    pub(super) fn shaft_wires(&self) -> impl Iterator<Item = (WireOutput, u32)> {
+        self.motors().zip(&self.motors).flat_map(|(motor, slot)| {
+            let halls = slot.halls.iter().map(move |&wire| (WireOutput::Hall(motor), wire));
+            halls.chain(slot.sensors.iter().flat_map(move |sensor| {
+                let wires = match sensor.kind {
+                    SensorKind::Encoder { wires, .. } => wires,
+                    SensorKind::Switch { wire, .. } => [Some(wire), None, None],
+                };
+                let is_switch = matches!(sensor.kind, SensorKind::Switch { .. });
+                (0..).zip(wires).filter_map(move |(n, wire)| {
+                    let from =
+                        if is_switch { WireOutput::Switch(motor) } else { WireOutput::Encoder(motor, n) };
+                    Some((from, wire?))
+                })
+            }))
+        })
     }
 
     /// Adds a switch to a motor's shaft that pulls a pin to ground while it is closed. Bounds are clamped to

@@ -327,6 +327,12 @@ impl Journal {
         new.into_iter().find(|entry| entry.port == port)
     }
 
+    /// The entries after that number, the oldest first.
+    pub(crate) fn after(&self, number: u64) -> impl DoubleEndedIterator<Item = &Entry> + ExactSizeIterator {
+        let from = self.entries.partition_point(|entry| entry.number <= number);
+        self.entries.range(from..)
+    }
+
     /// The entries, the oldest first.
     pub(crate) fn entries(&self) -> impl DoubleEndedIterator<Item = &Entry> + Clone {
         self.entries.iter()

@@ -4,6 +4,8 @@ use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use drivetwin_firmware::device::Duration;
+use drivetwin_panel::faults::Faults;
+use drivetwin_panel::schema::{Bench, Bus, Drive, Time};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::DriveId;
 use drivetwin_sim::commands;
@@ -12,11 +14,10 @@ use drivetwin_sim::line::faults::Party;
 use futures_util::future::join_all;
 use tokio::sync::oneshot;
 
-use super::faults::Faults;
 use super::guard::Body;
 use super::problem::Problem;
 use super::schema::{
-    Advance, Bench, BoardView, Bus, Drive, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Time, Turn,
+    Advance, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Turn, board_view, drive_of_board,
 };
 use super::{Api, stopping};
 use crate::board::{Board, reasons};
@@ -29,10 +30,18 @@ const MAX_ADVANCE: f64 = 86_400.0;
 #[utoipa::path(get, path = "/api/bench", responses((status = 200, body = Bench)))]
 pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem> {
     let places = api.places.clone();
-    let mut bench = api.call(move |event_loop| Bench::of(event_loop, &places)).await?;
-    let views = api.boards.keys().map(|name| api.on_board(name.clone(), |board| Ok(BoardView::of(board))));
+    let bench = api.call(move |event_loop| {
+        let bench = Bench::of(&event_loop.bench, event_loop.time_mode(), &places);
+        (bench, event_loop.follows_board())
+    });
+    let (mut bench, follows_board) = bench.await?;
+    let views = api.boards.keys().map(|name| api.on_board(name.clone(), |board| Ok(board_view(board))));
     for view in join_all(views).await {
-        bench.add(view?);
+        let (board, now) = view?;
+        bench.add(board, now.is_some_and(|(powered, _)| powered));
+        if let Some((_, at)) = now.filter(|_| follows_board) {
+            bench.reach(at);
+        }
     }
     Ok(Json(bench))
 }
@@ -43,13 +52,13 @@ pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem
 ))]
 pub(super) async fn drive(State(api): State<Api>, Path(name): Path<String>) -> Result<Json<Drive>, Problem> {
     if api.boards.contains_key(&name) {
-        let seen = |board: &Board| Ok(Json(Drive::of_board(&mut board.drive()?)?));
+        let seen = |board: &Board| Ok(Json(drive_of_board(&mut board.drive()?)?));
         return api.on_board(name, seen).await;
     }
     let places = api.places.clone();
     api.call(move |event_loop| {
         let id = find_drive(event_loop, &name)?;
-        Ok(Json(Drive::of_bench(&mut event_loop.bench, id, &places)?))
+        Ok(Json(Drive::of_bench(&event_loop.bench, id, &places)))
     })
     .await?
 }
@@ -227,7 +236,7 @@ pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Resu
         api.refuse_with_boards(reasons::NO_TIME)?;
     }
     api.call(move |event_loop| event_loop.set_time_mode(time_mode)).await?;
-    Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
+    Ok(Json(api.call(|event_loop| time(event_loop)).await?))
 }
 
 /// Advances the clock in manual time. The response comes when the bench has reached that time.
@@ -261,7 +270,12 @@ pub(super) async fn advance(
     });
     begun.await??;
     there.await.map_err(|_| stopping())?;
-    Ok(Json(api.call(|event_loop| Time::of(event_loop)).await?))
+    Ok(Json(api.call(|event_loop| time(event_loop)).await?))
+}
+
+/// The clock of the bench.
+fn time(event_loop: &EventLoop) -> Time {
+    Time::new(event_loop.time_mode(), event_loop.bench.now())
 }
 
 /// Finds the drive with that name.

@@ -12,6 +12,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Sse;
 use axum::response::sse::Event;
+use drivetwin_panel::units::seconds;
 use drivetwin_sim::bench::{Bench, News, Receiver};
 use drivetwin_sim::record::trace::{self, Entry, Trace};
 use futures_util::stream::{self, Stream};
@@ -23,12 +24,11 @@ use utoipa::ToSchema;
 use super::guard::QueryParameters;
 use super::problem::Problem;
 use super::received::ReceivedRequest;
-use super::schema::seconds;
 use super::{Api, too_many};
 use drivetwin_sim::suggest;
 
 /// Longest time without an event. Then a comment keeps the connection alive.
-const KEEP_ALIVE: Duration = Duration::from_secs(15);
+pub(super) const KEEP_ALIVE: Duration = Duration::from_secs(15);
 
 /// Maximum number of events per piece.
 const PIECE: usize = 256;

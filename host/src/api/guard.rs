@@ -14,7 +14,7 @@ use axum::body::Bytes;
 use axum::extract::{FromRequest, FromRequestParts, Query, Request, State};
 use axum::http::request::Parts;
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, StatusCode, header};
+use axum::http::{HeaderMap, HeaderValue, StatusCode, header};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use serde::de::DeserializeOwned;
@@ -81,10 +81,13 @@ fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
         return Some("the Host of a request must be a loopback address, or a name of --allow-host");
     }
     let origin = headers.get(header::ORIGIN).map(|origin| origin.to_str().unwrap_or(""));
+    // A person may follow a link to the page. Nothing else of the API opens in a browser's window.
+    let opens_page = request.uri().path() == "/" && is_opened(request);
     let is_own =
         |origin: &str| origin.strip_prefix("http://").is_some_and(|of| of.eq_ignore_ascii_case(host));
     let site = headers.get("sec-fetch-site").map(|site| site.to_str().unwrap_or(""));
-    if !origin.is_none_or(is_own) || !site.is_none_or(|site| matches!(site, "same-origin" | "none")) {
+    let is_allowed = |site| matches!(site, "same-origin" | "none") || opens_page;
+    if !origin.is_none_or(is_own) || !site.is_none_or(is_allowed) {
         return Some("a web page of another origin may not use the API");
     }
     if !request.method().is_safe() || has_body(headers) {
@@ -98,6 +101,12 @@ fn page(request: &Request, known: &Hosts) -> Option<&'static str> {
         }
     }
     None
+}
+
+/// Returns true if a browser asks for what it shows in a window of its own, and not in a frame of another page.
+fn is_opened(request: &Request) -> bool {
+    let is = |name, value| request.headers().get(name).is_some_and(|is: &HeaderValue| is == value);
+    request.method().is_safe() && is("sec-fetch-mode", "navigate") && is("sec-fetch-dest", "document")
 }
 
 /// Refuses a query for calls that have none.

@@ -1,4 +1,4 @@
-//! The control API: HTTP and JSON. `/openapi.json` describes it to programs.
+//! The control API: HTTP and JSON, and the page of the panel. `/openapi.json` describes the API to programs.
 //!
 //! The API runs on a thread of its own. Each call becomes one job for the thread that owns the bench. That
 //! thread executes one job at a time. Long data, such as a trace, is copied from the bench in pieces.
@@ -7,9 +7,11 @@ mod boards;
 mod calls;
 mod downloads;
 mod event_stream;
-mod faults;
 mod guard;
+mod kinds;
+mod live;
 mod openapi;
+mod page;
 mod problem;
 mod received;
 mod schema;
@@ -38,9 +40,9 @@ use utoipa_axum::routes;
 
 use crate::board::Board;
 use crate::event_loop::{BenchHandle, EventLoop};
+pub(crate) use drivetwin_panel::schema::Places;
 use guard::Hosts;
 use problem::Problem;
-pub(crate) use schema::Places;
 
 /// Maximum number of connections. A further connection makes the API close all idle ones.
 const MAX_CONNECTIONS: usize = 64;
@@ -67,6 +69,7 @@ struct Api {
     readers: Arc<Semaphore>,
     /// Permits for downloads of a trace.
     exports: Arc<Semaphore>,
+    polls: live::Polls,
 }
 
 /// Boards, by the names of their drives. On the bench each has a drive of the same name that is elsewhere.
@@ -135,11 +138,19 @@ impl Api {
         &self,
         query: impl FnOnce(&Bench) -> T + Send + 'static,
     ) -> Result<T, Problem> {
+        self.see(|event_loop| query(&event_loop.bench)).await
+    }
+
+    /// Executes a query of the bench and its clock, like [`query`](Self::query).
+    async fn see<T: Send + 'static>(
+        &self,
+        query: impl FnOnce(&EventLoop) -> T + Send + 'static,
+    ) -> Result<T, Problem> {
         let (done, answer) = oneshot::channel();
         let caller = Arc::new(());
-        self.handle.query(Arc::downgrade(&caller), |bench| {
+        self.handle.query(Arc::downgrade(&caller), |event_loop| {
             // The client may have left.
-            let _ = done.send(query(bench));
+            let _ = done.send(query(event_loop));
         });
         answer.await.map_err(|_| stopping())
     }
@@ -195,7 +206,15 @@ pub(crate) fn serve(
     };
     let room = |most| Arc::new(Semaphore::new(most));
     let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
-    let api = Api { handle, places: Arc::new(places), boards, advancing, readers, exports };
+    let api = Api {
+        handle,
+        places: Arc::new(places),
+        boards,
+        advancing,
+        readers,
+        exports,
+        polls: live::Polls::default(),
+    };
     let router = router(api, hosts);
     let (end, ended) = oneshot::channel();
     let thread = std::thread::Builder::new().name("control".into()).spawn(move || {
@@ -217,6 +236,8 @@ fn router(api: Api, hosts: Hosts) -> Router {
     let description = move || async { ([(header::CONTENT_TYPE, "application/json")], description) };
     router
         .route("/openapi.json", get(description))
+        .route("/", get(page::first))
+        .route("/panel/{file}", get(page::named))
         .layer(DefaultBodyLimit::max(guard::BODY_BYTES))
         .layer(from_fn_with_state(hosts, guard::check))
         .layer(map_response(problem::of_framework))
@@ -228,6 +249,7 @@ fn calls() -> OpenApiRouter<Api> {
     OpenApiRouter::with_openapi(openapi::begin())
         .routes(routes!(calls::bench))
         .routes(routes!(calls::drive))
+        .routes(routes!(kinds::kind))
         .routes(routes!(calls::drive_pin))
         .routes(routes!(calls::pulse_pin))
         .routes(routes!(calls::encoder))
@@ -245,6 +267,7 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(downloads::trace))
         .routes(routes!(received::received))
         .routes(routes!(event_stream::events))
+        .routes(routes!(live::live))
 }
 
 /// Accepts connections. When the maximum is reached, each existing connection ends: at once if it is idle,

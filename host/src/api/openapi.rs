@@ -1,12 +1,13 @@
 //! The OpenAPI document, generated from the calls.
 
+use drivetwin_panel::faults::{Rule, Way};
+use drivetwin_panel::live;
 use utoipa::OpenApi;
 use utoipa::openapi::path::{Operation, ParameterIn, PathItem};
 use utoipa::openapi::{self, Content, Ref, RefOr, Response};
 
 use super::downloads::Format;
 use super::event_stream::{Happened, Lost, ReceivedEvent};
-use super::faults::{Rule, Way};
 use super::problem::{self, Problem};
 
 /// The part of the document that is not derived from the calls.
@@ -17,7 +18,17 @@ use super::problem::{self, Problem};
         description = "Control of a bench of emulated drives. Errors are RFC 9457 problem documents. \
                        A request that changes something needs `Content-Type: application/json`, even without a body."
     ),
-    components(schemas(Problem, Format, Happened, Lost, ReceivedEvent, Rule, Way))
+    components(schemas(
+        Problem,
+        Format,
+        Happened,
+        Lost,
+        live::Update,
+        live::Frame,
+        ReceivedEvent,
+        Rule,
+        Way
+    ))
 )]
 struct Frame;
 
@@ -118,6 +129,8 @@ mod tests {
             "get /api/drives/{name}/memory",
             "get /api/drives/{name}/received",
             "get /api/events",
+            "get /api/kinds/{kind}",
+            "get /api/live",
             "get /api/trace",
             "post /api/drives/{name}/encoder",
             "post /api/drives/{name}/pins/{pin}/pulses",

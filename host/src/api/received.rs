@@ -5,6 +5,8 @@ use std::collections::BTreeMap;
 use axum::Json;
 use axum::extract::{Path, State};
 use drivetwin_firmware::device::{Framing, Instant, Port};
+use drivetwin_panel::schema::ValueSchema;
+use drivetwin_panel::units::{hex, seconds};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{self, Bench, DriveId, ReceivedMessage, RequestStatistics};
 use drivetwin_sim::decode::{Exchange, Verdict};
@@ -17,7 +19,6 @@ use super::Api;
 use super::calls::find_drive;
 use super::guard::QueryParameters;
 use super::problem::Problem;
-use super::schema::{ValueSchema, seconds};
 use crate::board::reasons;
 
 /// Parameters of the call.
@@ -205,10 +206,6 @@ impl From<ReceivedMessage> for ReceivedRequest {
             registers: registers.collect(),
         }
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02X}")).collect()
 }
 
 impl From<bench::Counts> for Counts {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use drivetwin_control::{Call, Level, PIECE, Power, Refused, State as BoardState, Statistics, Stimulus};
-use drivetwin_firmware::device::{Encoder, Fault, Instant, Pin, PresetError, Role, Spec};
+use drivetwin_firmware::device::{Encoder, Fault, Instant, Line, Pin, PresetError, Role, Spec};
 use drivetwin_protocol::registers::Shape;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{self, Busy, Motion, PinStimulus, PowerAction};
@@ -112,7 +112,7 @@ impl Drive {
     /// # Errors
     /// The board cannot be reached.
     pub fn line(&self) -> Result<String, Refusal> {
-        Ok(of_first_port(&self.statistics()?).0)
+        Ok(of_first_port(&self.statistics()?).0.map_or_else(String::new, |line| line.to_string()))
     }
 
     /// Version of the board's image.
@@ -371,9 +371,9 @@ impl Drive {
     }
 }
 
-/// Statistics of the first port of a board, and its line as text.
-pub(crate) fn of_first_port(of: &Statistics) -> (String, bench::Statistics) {
-    let line = report::line(of.line).map_or_else(String::new, |line| line.to_string());
+/// Statistics of the first port of a board, and its line; `None` if the port has none.
+pub(crate) fn of_first_port(of: &Statistics) -> (Option<Line>, bench::Statistics) {
+    let line = report::line(of.line);
     let statistics = bench::Statistics {
         requests: of.requests.into(),
         refused: of.refused.into(),

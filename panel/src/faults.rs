@@ -4,7 +4,7 @@ use std::fmt;
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, Outlet};
+use drivetwin_sim::bench::DriveId;
 use drivetwin_sim::line::faults::{Amount, Direction, FaultRule, LONGEST_DELAY, LineFaults, Party};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, Deserializer, Visitor};
@@ -13,14 +13,14 @@ use utoipa::ToSchema;
 use utoipa::openapi::schema::{AnyOfBuilder, ObjectBuilder, Type};
 use utoipa::openapi::{Ref, RefOr, Schema};
 
-use super::schema::seconds;
+use crate::units::seconds;
 
 /// Faults of a line or TCP port. A number is a share of the frames, 0 to 1, for requests and replies alike unless
 /// stated otherwise; a table says which frames and how many.
 #[derive(Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
 #[schema(example = json!({"drop": {"count": 1, "direction": "reply"}, "corrupt": 0.01, "delay_ms": 5}))]
-pub(super) struct Faults {
+pub struct Faults {
     /// Frames that are lost.
     #[schema(schema_with = rate_or_rule)]
     drop: Setting,
@@ -65,7 +65,7 @@ pub(super) struct Faults {
 /// The frames that a fault disturbs. Without `rate` and `count`, all frames that the other members name.
 #[derive(Clone, Default, Serialize, Deserialize, ToSchema)]
 #[serde(default, deny_unknown_fields)]
-pub(super) struct Rule {
+pub struct Rule {
     /// Share of these frames.
     #[schema(minimum = 0, maximum = 1)]
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -108,8 +108,10 @@ pub(super) struct Rule {
 #[derive(Clone, Copy, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 #[schema(as = Direction)]
-pub(super) enum Way {
+pub enum Way {
+    /// To a drive.
     Request,
+    /// From a drive.
     Reply,
 }
 
@@ -133,7 +135,7 @@ impl From<Way> for Direction {
 
 impl Rule {
     /// The JSON of a rule, without the members that only some faults have.
-    fn of(bench: &Bench, rule: FaultRule) -> Self {
+    fn of<'a>(rule: FaultRule, name_of: &dyn Fn(DriveId) -> &'a str) -> Self {
         let (rate, count) = match rule.amount {
             Amount::Rate(rate) => (Some(rate), None),
             Amount::Count(count) => (None, Some(count)),
@@ -142,7 +144,7 @@ impl Rule {
             rate,
             count,
             direction: rule.direction.map(Way::of),
-            drive: rule.drive.map(|drive| bench.name(drive).to_owned()),
+            drive: rule.drive.map(|drive| name_of(drive).to_owned()),
             function: rule.function,
             register: rule.register.map(str::to_owned),
             ..Self::default()
@@ -234,10 +236,10 @@ impl<'de> Deserialize<'de> for Setting {
 }
 
 impl Setting {
-    fn of(bench: &Bench, rule: FaultRule) -> Self {
+    fn of<'a>(rule: FaultRule, name_of: &dyn Fn(DriveId) -> &'a str) -> Self {
         match rule.amount {
             Amount::Rate(rate) if rule.is_plain() => Self::Number(rate),
-            _ => Self::Table(Box::new(Rule::of(bench, rule))),
+            _ => Self::Table(Box::new(Rule::of(rule, name_of))),
         }
     }
 
@@ -261,13 +263,12 @@ impl Setting {
 }
 
 impl Faults {
-    /// The faults of a bus.
-    pub(super) fn of(bench: &Bench, outlet: Outlet) -> Self {
-        let faults = bench.faults(outlet);
-        let setting = |rule| Setting::of(bench, rule);
+    /// The faults of a bus. `name_of` gives the name of a drive.
+    pub fn of<'a>(faults: &LineFaults, name_of: impl Fn(DriveId) -> &'a str) -> Self {
+        let setting = |rule| Setting::of(rule, &name_of);
         let with = |rule: FaultRule, more: Rule| {
             let Rule { code, before, ms, spread_ms, .. } = more;
-            Setting::Table(Box::new(Rule { code, before, ms, spread_ms, ..Rule::of(bench, rule) }))
+            Setting::Table(Box::new(Rule { code, before, ms, spread_ms, ..Rule::of(rule, &name_of) }))
         };
         let exception = if faults.exception.is_plain() {
             setting(faults.exception)
@@ -311,7 +312,7 @@ impl Faults {
     ///
     /// # Errors
     /// One sentence: a value out of range, or an unknown name.
-    pub(super) fn on(&self, drives: &[Party<'_>]) -> Result<LineFaults, String> {
+    pub fn on(&self, drives: &[Party<'_>]) -> Result<LineFaults, String> {
         let rule = |name, setting: &Setting| setting.rule(name, drives);
         let code = self.exception.table().and_then(|table| table.code);
         let before = self.noise.table().and_then(|table| table.before);
@@ -400,6 +401,7 @@ fn flag_rate_or_rule() -> RefOr<Schema> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use drivetwin_sim::bench::Bench;
     use drivetwin_sim::testing::echo_device::{EchoDevice, MODBUS};
     use serde_json::{Value, json};
 
@@ -432,7 +434,7 @@ mod tests {
         let faults: Faults = serde_json::from_value(put.clone()).unwrap();
         let faults = faults.on(&parties(&bench)).unwrap();
         bench.set_faults(outlet, faults);
-        let got = serde_json::to_value(Faults::of(&bench, outlet)).unwrap();
+        let got = serde_json::to_value(Faults::of(&bench.faults(outlet), |id| bench.name(id))).unwrap();
         for (name, value) in put.as_object().unwrap() {
             assert_eq!(&got[name], value, "{name}");
         }

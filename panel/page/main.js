@@ -1,0 +1,201 @@
+// The frame of the page: the connection to the bench, the route `#/NAME`, and one drawing per animation frame.
+
+import { backend } from "./backend.js";
+import { button, el, text } from "./dom.js";
+import { downloads } from "./downloads.js";
+import { driveView } from "./drive.js";
+import { driveList } from "./drives.js";
+import { Histories } from "./history.js";
+import { overview } from "./overview.js";
+import { Store } from "./state.js";
+import { timeControl } from "./time.js";
+
+const $ = id => document.getElementById(id);
+const store = new Store();
+const kinds = new Map();
+const refusals = new Map(); // by drive: {count, last}, `last` the number of the last message that was counted
+
+/** What the views share. */
+const app = {
+  backend,
+  store,
+  histories: new Histories(),
+  /** Number of messages that a drive has refused, as far as the page knows. */
+  refused: name => refusals.get(name)?.count ?? 0,
+  /** The description of a kind, asked for once. */
+  async kind(name) {
+    if (!kinds.has(name)) {
+      const answer = await backend.call("GET", `kinds/${encodeURIComponent(name)}`);
+      if (!answer.ok) return null;
+      kinds.set(name, answer.body);
+    }
+    return kinds.get(name);
+  },
+  /** Makes a call, and shows the sentence of a refusal. */
+  async act(method, path, body) {
+    const answer = await backend.call(method, path, body);
+    if (!answer.ok) app.say(answer.body?.detail ?? `The bench refused the call (${answer.status}).`);
+    return answer;
+  },
+  /** Shows a sentence for a while. */
+  say(sentence) {
+    const close = button("Close", { class: "ghost" }, () => note.remove());
+    const note = el("div", { class: "notice" }, el("span", {}, sentence), close);
+    const notices = $("notices");
+    if (notices.childElementCount >= 3) notices.firstElementChild.remove();
+    notices.append(note);
+    setTimeout(() => note.remove(), 10_000);
+  },
+  /** The reason why this bench cannot do something, by the names of the contract; undefined if it can. */
+  cannot: (...names) => names.map(name => store.state.cannot?.[name]).find(reason => reason !== undefined),
+};
+
+const list = driveList(app, $("list"));
+const time = timeControl(app, $("time"));
+const downloadMenu = downloads(app, $("downloads"));
+
+let view = null;
+let shown; // name of the shown drive, null for the overview, undefined before the first route
+let stop = () => {};
+let frame = 0;
+let opening = 0;
+let missing = false; // the bench has no drive of this name
+let firstVisit = location.hash === "";
+
+function route() {
+  const match = location.hash.match(/^#\/(.+)$/);
+  let name = null;
+  try {
+    name = match ? decodeURIComponent(match[1]) : null;
+  } catch {
+    // A hand-made address that is no name shows the bench.
+  }
+  if (name === shown && !missing) return;
+  shown = name;
+  missing = false;
+  stop();
+  view?.close();
+  view = null;
+  setList(false);
+  clearTimeout(opening);
+  opening = setTimeout(() => view || missing || $("content").replaceChildren(el("p", { class: "empty" }, "Connecting to the bench…")), 400);
+  stop = backend.follow(name, onUpdate, onConnection);
+  list.choose(name);
+}
+
+function onUpdate(update, whole) {
+  if (whole && update.state.time.seconds < (store.state.time?.seconds ?? 0)) refusals.clear(); // another bench
+  store.take(update, whole);
+  countRefusals(update);
+  app.histories.take(store.state, whole);
+  if (whole && !view && !missing) open();
+  if (!frame) frame = requestAnimationFrame(draw);
+}
+
+/** Counts refused messages: those that came by, or the greater number that the ports of the shown drive have counted. */
+function countRefusals(update) {
+  const of = name => {
+    if (!refusals.has(name)) refusals.set(name, { count: 0, last: 0 });
+    return refusals.get(name);
+  };
+  for (const { drive, number, verdict } of update.traffic ?? []) {
+    if (!drive || number <= of(drive).last) continue; // seen already: after a reconnection the latest ones come again
+    of(drive).last = number;
+    if (verdict === "refused") of(drive).count++;
+  }
+  const ports = update.state?.drive?.ports;
+  if (!ports) return;
+  const counted = Object.values(store.state.drive.ports).reduce((sum, port) => sum + (port.refused ?? 0), 0);
+  of(shown).count = Math.max(of(shown).count, counted);
+}
+
+/** Opens the view of the route, now that the bench's state is known. */
+function open() {
+  const names = Object.keys(store.state.drives ?? {});
+  if (firstVisit && names.length === 1) {
+    firstVisit = false;
+    location.replace(`#/${encodeURIComponent(names[0])}`);
+    return;
+  }
+  if (!firstVisit && document.activeElement !== document.body) $("content").focus({ preventScroll: true });
+  firstVisit = false;
+  if (shown !== null && !store.state.drive) return onConnection(`There is no drive '${shown}' on this bench`, true);
+  view = shown === null ? overview(app) : driveView(app, shown);
+  document.title = shown === null ? "drivetwin" : `${shown} · drivetwin`;
+  $("content").replaceChildren(view.node);
+  scrollTo(0, 0);
+}
+
+function draw() {
+  frame = 0;
+  const news = store.drain();
+  list.update(news);
+  time.update(news);
+  downloadMenu.update(news);
+  view?.update(news);
+}
+
+function onConnection(state, isFinal = false) {
+  const lost = state !== true;
+  if (lost && isFinal) {
+    view?.close();
+    view = null;
+    $("content").replaceChildren(el("div", { class: "empty" }, el("h1", {}, "No such drive"), el("p", {}, `${state}.`), el("a", { href: "#/" }, "Show the bench")));
+    text($("link"), "");
+    stop();
+    missing = true;
+    stop = backend.follow(null, onUpdate, onConnection); // for the list
+    return;
+  }
+  document.documentElement.classList.toggle("lost", lost);
+  $("link").className = lost ? "lost" : "";
+  text($("link"), lost ? state : "");
+}
+
+function setList(open) {
+  document.body.classList.toggle("list-open", open);
+  $("list-toggle").setAttribute("aria-expanded", open);
+}
+
+$("list-toggle").addEventListener("click", () => {
+  const opened = !document.body.classList.contains("list-open");
+  setList(opened);
+  if (opened) list.focus();
+});
+
+const THEMES = ["system", "light", "dark"];
+function theme(choice) {
+  if (choice === "system") {
+    localStorage.removeItem("theme");
+    delete document.documentElement.dataset.theme;
+  } else {
+    localStorage.setItem("theme", choice);
+    document.documentElement.dataset.theme = choice;
+  }
+  const name = { system: "Auto", light: "Light", dark: "Dark" }[choice];
+  text($("theme"), name);
+  $("theme").setAttribute("aria-label", `${name} theme: change`);
+  dispatchEvent(new Event("theme"));
+}
+let chosenTheme = document.documentElement.dataset.theme ?? "system";
+theme(chosenTheme);
+$("theme").addEventListener("click", () => {
+  chosenTheme = THEMES[(THEMES.indexOf(chosenTheme) + 1) % THEMES.length];
+  theme(chosenTheme);
+});
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => dispatchEvent(new Event("theme")));
+
+document.addEventListener("keydown", event => {
+  if (event.key === "/" && !/^(INPUT|TEXTAREA|SELECT)$/.test(event.target.tagName)) {
+    event.preventDefault();
+    if (matchMedia("(max-width: 860px)").matches) setList(true);
+    list.focus();
+  }
+});
+// A page that the browser keeps for its Back button must hold no connection: there are six for each host.
+addEventListener("pagehide", () => stop());
+addEventListener("pageshow", event => {
+  if (event.persisted) stop = backend.follow(missing ? null : shown, onUpdate, onConnection);
+});
+addEventListener("hashchange", route);
+route();

@@ -1,0 +1,223 @@
+// Registers by name: value, meaning, section of the manual; those that changed are lit for a moment.
+
+import { attr, button, card, el, text } from "./dom.js";
+import { bitList, fieldList, meaning } from "./fields.js";
+import { clock, hex, number } from "./format.js";
+
+const LIT = 900; // milliseconds
+const ON_THE_BUS = ["holding", "input", "coil", "discrete"]; // spaces with addresses; others are reached by name only
+const BITS = { bit: 1, u8: 2, u16: 4, i16: 4, u32: 8, i32: 8 };
+
+/** A typed value: decimal, 0x, 0b, or several words; null if it is none. */
+export function parse(typed) {
+  const one = word => {
+    const clean = word.replace(/[\s _]/g, "").replace("−", "-");
+    return /^-?(\d+|0x[0-9a-f]+|0b[01]+)$/i.test(clean) ? (clean.startsWith("-") ? -Number(clean.slice(1)) : Number(clean)) : NaN;
+  };
+  const values = typed.split(/[,;]/).map(one);
+  if (values.some(Number.isNaN)) return null;
+  return values.length === 1 ? values[0] : values;
+}
+
+export function registersCard(app, drive, kind) {
+  let asHex = false, words = "", only = "all";
+  const rows = new Map();
+  const lit = new Map();
+
+  const search = el("input", { type: "search", placeholder: "Filter registers", "aria-label": "Filter registers by name, address or meaning", class: "filter", autocomplete: "off", spellcheck: "false" });
+  const chips = [["all", "All"], ["changed", "Changed"], ["refused", "Refused"]].map(([key, title]) =>
+    button(title, { "data-filter": key, "aria-pressed": key === only }, () => {
+      only = key;
+      chips.forEach(chip => attr(chip, "aria-pressed", chip.dataset.filter === only));
+      sift();
+    }));
+  const hexButton = button("Hex", { class: "toggle", "aria-pressed": false, title: "Show values in hexadecimal" }, () => {
+    asHex = !asHex;
+    attr(hexButton, "aria-pressed", asHex);
+    rows.forEach(row => row.draw(true));
+  });
+  const none = el("p", { class: "empty", hidden: true }, "No register passes the filter.");
+  const list = el("div", { class: "registers" });
+  const node = card("Registers", { id: "registers" },
+    el("div", { class: "tools" }, el("div", { class: "segments", role: "group", "aria-label": "Which registers" }, chips), search, hexButton), list, none);
+
+  for (const register of kind.registers) {
+    const row = makeRow(app, drive, register, () => asHex);
+    rows.set(register.name, row);
+    list.append(row.node);
+  }
+  const sift = () => {
+    let shown = 0;
+    for (const row of rows.values()) {
+      const fits = (words === "" || row.words.includes(words)) && (only === "all" || (only === "changed" ? row.changed : row.refused));
+      row.node.hidden = !fits;
+      shown += fits;
+    }
+    none.hidden = shown > 0;
+    text(none, only === "refused" && words === "" ? "No message about a register was refused." : only === "changed" && words === ""
+      ? "No register has changed since this page was opened." : "No register passes the filter.");
+  };
+  search.addEventListener("input", () => {
+    words = search.value.trim().toLowerCase();
+    sift();
+  });
+  const sweep = setInterval(() => {
+    const now = performance.now();
+    for (const [row, since] of lit) {
+      if (now - since > LIT) {
+        row.node.classList.remove("lit");
+        lit.delete(row);
+      }
+    }
+  }, 300);
+
+  return {
+    node,
+    /** Takes the sentences of refused messages to the registers that they name. */
+    refused(frame) {
+      for (const word of new Set(`${frame.text} ${frame.reason ?? ""}`.match(/[A-Za-z]\w*/g) ?? [])) {
+        const row = rows.get(word) ?? rows.get(word.replace(/(High|Low)$/, ""));
+        row?.refuse(frame);
+      }
+      if (only === "refused") sift();
+    },
+    update({ changes, whole }) {
+      const values = whole ? app.store.state.drive?.registers : changes.drive?.registers;
+      for (const [name, value] of Object.entries(values ?? {})) {
+        const row = rows.get(name);
+        if (!row || value === null) continue;
+        const isNew = row.set(value);
+        if (isNew && !whole) {
+          row.changed = true;
+          if (!lit.has(row)) row.node.classList.add("lit");
+          lit.set(row, performance.now());
+          if (only === "changed" && row.node.hidden) sift();
+        }
+      }
+    },
+    close: () => clearInterval(sweep),
+  };
+}
+
+function makeRow(app, drive, register, asHex) {
+  const { name, address, space, type, access, doc, section } = register;
+  const digits = BITS[type] ?? 4;
+  let value, edited = false;
+  const input = el("input", { "data-edit": name, "aria-label": name, inputmode: "text", autocomplete: "off", spellcheck: "false", disabled: access === "-" });
+  const hasFields = register.fields?.length > 0;
+  const means = el("p", { class: "meaning" });
+  const parts = [hasFields ? fieldList(name, register.fields, next => write(next)) : null, digits > 1 ? bitList(digits) : null].filter(Boolean);
+  const error = el("p", { class: "error", role: "alert", hidden: true });
+  const refusal = el("p", { class: "refusal", hidden: true });
+  const more = el("div", { class: "register-more", id: `more-${name}`, hidden: true });
+  const title = button([el("span", { class: "name" }, breakable(name))], { class: "register-name", "aria-expanded": false, "aria-controls": `more-${name}` }, () => {
+    const open = more.hidden;
+    if (open && !more.childElementCount) explain();
+    more.hidden = !open;
+    attr(title, "aria-expanded", open);
+    if (open) row.draw();
+  });
+  const node = el("div", { class: "register", "data-register": name },
+    el("span", { class: "address" }, ON_THE_BUS.includes(space) ? hex(address) : ""),
+    title, input,
+    el("span", { class: "access", title: { "R/W": "read and write", R: "read only", W: "write only", "-": "not accessible" }[access] }, access === "-" ? "–" : access),
+    el("p", { class: "doc" }, doc),
+    el("span", { class: "section", title: "Section of the manual" }, /^[\d.]+$/.test(section) ? `§ ${section}` : section),
+    hasFields ? means : null, error, refusal, more);
+
+  const shown = () => {
+    const one = part => (asHex() ? hex(part, digits) : number(part));
+    return value === undefined ? "" : Array.isArray(value) ? value.map(one).join(", ") : one(value);
+  };
+  const row = {
+    node, changed: false, refused: false,
+    words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
+    draw() {
+      if (!edited) input.value = shown();
+      if (typeof value !== "number") return;
+      if (hasFields) text(means, meaning(register.fields, value));
+      if (!more.hidden) parts.forEach(part => part.update(value));
+    },
+    /** Takes a value; true if it is another one than before. */
+    set(next) {
+      if (String(next) === String(value)) return false;
+      const first = value === undefined;
+      value = next;
+      attr(node, "data-value", Array.isArray(next) ? next.join(",") : next);
+      row.draw();
+      return !first;
+    },
+    refuse(frame) {
+      row.refused = true;
+      refusal.hidden = false;
+      refusal.replaceChildren(el("b", {}, `Refused at ${clock(frame.at)} s: `), `${frame.text}. ${frame.reason ?? ""}`);
+      node.classList.add("has-refusal");
+    },
+  };
+  const fail = sentence => {
+    error.hidden = !sentence;
+    attr(node, "data-error", sentence);
+    attr(error, "data-error", sentence);
+    attr(input, "aria-invalid", sentence ? true : null);
+    text(error, sentence ?? "");
+  };
+  input.addEventListener("focus", () => input.select());
+  input.addEventListener("input", () => {
+    edited = true;
+    node.classList.add("edited");
+  });
+  const revert = () => {
+    edited = false;
+    node.classList.remove("edited");
+    input.value = shown();
+    if (document.activeElement === input) input.select();
+  };
+  const commit = async () => {
+    if (!edited) return;
+    const typed = parse(input.value);
+    if (typed === null) return fail(`'${input.value}' is not a number: write it as 10, -10 or 0x0A, words with commas between them.`);
+    await write(typed);
+  };
+  const write = async typed => {
+    const answer = await app.backend.call("PUT", `drives/${encodeURIComponent(drive)}/registers/${encodeURIComponent(name)}`, { value: typed });
+    if (!answer.ok) return fail(answer.body?.detail ?? "The bench refused the value.");
+    fail(null);
+    value = typed;
+    attr(node, "data-value", Array.isArray(typed) ? typed.join(",") : typed);
+    revert();
+  };
+  input.addEventListener("keydown", event => {
+    if (event.key === "Enter") commit();
+    if (event.key === "Escape") {
+      fail(null);
+      revert();
+    }
+    if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+      event.preventDefault();
+      let other = node;
+      do other = event.key === "ArrowDown" ? other.nextElementSibling : other.previousElementSibling; while (other?.hidden);
+      other?.querySelector("input").focus();
+    }
+  });
+  // Leaving the field does not write: a half typed value must not reach a drive. It stays, marked, until Enter or Escape.
+  input.addEventListener("blur", () => {
+    if (edited && input.value === shown()) revert();
+  });
+
+  const explain = () => {
+    const range = register.codes ? register.codes.join(", ") : register.least === null ? null : `${number(register.least)} to ${number(register.greatest)}`;
+    const facts = [
+      ["Type", type], ["Space", space], ["Range", range],
+      ["Acts within", register.acts_within && `${number(register.acts_within[0])} to ${number(register.acts_within[1])}`],
+      ["Default", Array.isArray(register.default) ? register.default.join(", ") : register.default === null ? null : `${number(register.default)} = ${hex(register.default, digits)}`],
+      ["Saved", register.saved_bits ? "in the non-volatile memory" : "no"],
+      ["Addresses", register.addresses > 1 ? `${hex(address)} to ${hex(address + register.addresses - 1)}` : null],
+      ["Not modelled", register.not_modelled],
+    ].filter(([, fact]) => fact !== null && fact !== undefined && fact !== "");
+    more.append(el("p", { class: "doc-whole" }, doc), el("dl", { class: "facts" }, facts.map(([term, fact]) => el("div", {}, el("dt", {}, term), el("dd", {}, fact)))), ...parts.map(part => part.node));
+  };
+  return row;
+}
+
+/** A long name that may break before its words. */
+const breakable = name => name.split(/(?<=[a-z])(?=[A-Z])|(?<=_)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part]));

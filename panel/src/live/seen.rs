@@ -1,0 +1,351 @@
+//! State of a bench as numbers, and its JSON.
+
+use std::collections::BTreeMap;
+
+use drivetwin_firmware::device::{Axis, Fault, Instant, Level, Pin, Role, Spec};
+use drivetwin_sim::bench::{Bench, Bus, DriveId, Motion, Outlet, ShaftState, Wire, WireOutput};
+use drivetwin_sim::commands::State;
+use drivetwin_sim::config::time_mode::TimeMode;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::patch::{merge_patch, without_nulls};
+use crate::schema::{self, BoardView, BusState, Drive, Motor, Places, Time};
+
+/// Reason why the clock of a bench cannot be advanced while its time goes on by itself.
+const NO_ADVANCE: &str = "time goes on by itself; choose manual time to advance it";
+
+/// What the bench cannot do: the name of the control, and the reason.
+type Cannot = BTreeMap<&'static str, &'static str>;
+
+/// Names of everything on a bench, and wires. They stay the same while the shape of the bench does.
+#[derive(Default)]
+pub(super) struct Layout {
+    drives: Vec<(String, &'static Spec)>,
+    outlets: Vec<OutletNames>,
+    /// Motors, each with the name of its drive.
+    motors: Vec<(String, String)>,
+    wires: Vec<WireNames>,
+}
+
+struct OutletNames {
+    outlet: Outlet,
+    name: String,
+    drives: Vec<String>,
+    listen: Vec<String>,
+}
+
+#[derive(Serialize)]
+struct WireNames {
+    from: String,
+    to: String,
+}
+
+impl Layout {
+    pub(super) fn of(bench: &Bench, places: &Places) -> Self {
+        let name = |id: DriveId| bench.name(id).to_owned();
+        let outlets = bench.outlets().into_iter().map(|outlet| OutletNames {
+            outlet,
+            name: bench.outlet_name(outlet),
+            drives: bench.drives_at(outlet).into_iter().map(name).collect(),
+            listen: places.get(&outlet).cloned().unwrap_or_default(),
+        });
+        let motors = bench.motors().map(|motor| {
+            let (drive, _) = bench.turned_by(motor);
+            (bench.motor_name(motor).to_owned(), name(drive))
+        });
+        Self {
+            drives: bench.drives().map(|id| (name(id), bench.spec(id))).collect(),
+            outlets: outlets.collect(),
+            motors: motors.collect(),
+            wires: bench.wires().iter().map(|wire| WireNames::of(bench, wire)).collect(),
+        }
+    }
+
+    pub(super) fn drive_name(&self, id: DriveId) -> Option<&str> {
+        self.drives.get(id.index()).map(|(name, _)| name.as_str())
+    }
+
+    pub(super) fn bus_name(&self, bus: Bus) -> Option<&str> {
+        let found = self.outlets.iter().find(|names| names.outlet == Outlet::Line(bus));
+        found.map(|names| names.name.as_str())
+    }
+}
+
+impl WireNames {
+    fn of(bench: &Bench, wire: &Wire) -> Self {
+        let pin = |(drive, Pin(pin)): (DriveId, Pin)| {
+            let pin = bench.spec(drive).pins.get(usize::from(pin)).map_or("", |pin| pin.name);
+            format!("{}.{pin}", bench.name(drive))
+        };
+        let from = match wire.from {
+            WireOutput::Pin(drive, number) => pin((drive, number)),
+            WireOutput::Hall(motor) => format!("{}.hall", bench.motor_name(motor)),
+            WireOutput::Switch(motor) => format!("{}.switch", bench.motor_name(motor)),
+            WireOutput::Encoder(motor, channel) => {
+                let channel = ["a", "b", "index"].get(usize::from(channel)).copied().unwrap_or_default();
+                format!("{}.{channel}", bench.motor_name(motor))
+            }
+        };
+        Self { from, to: pin(wire.to) }
+    }
+}
+
+/// A drive in the list.
+#[derive(Clone, Copy, PartialEq, Debug)]
+pub(super) struct DriveSeen {
+    powered: bool,
+    /// A bit for each pin: set if it is a light that is lit.
+    lit: u64,
+    motion: Option<Motion>,
+    /// True if the cause of a fault is present.
+    fault: bool,
+}
+
+/// The lights of a drive.
+fn lights(spec: &'static Spec) -> impl Iterator<Item = Pin> {
+    (0..64).map(Pin).zip(spec.pins).filter(|(_, pin)| pin.role == Role::Led).map(|(pin, _)| pin)
+}
+
+/// Time of the next change of a light of a drive that blinks by itself.
+pub(super) fn next_light(bench: &Bench, id: DriveId) -> Instant {
+    lights(bench.spec(id)).map(|pin| bench.next_edge(id, pin)).min().unwrap_or(Instant::NEVER)
+}
+
+impl DriveSeen {
+    fn of(bench: &Bench, id: DriveId) -> Self {
+        let spec = bench.spec(id);
+        Self {
+            powered: bench.powered(id),
+            lit: lit(spec, |pin| bench.level(id, pin)),
+            motion: spec.axes.first().map(|_| bench.motion(id, Axis(0))),
+            fault: (0..).map(Fault).zip(spec.faults).any(|(fault, _)| bench.faulty(id, fault)),
+        }
+    }
+
+    fn of_state(spec: &'static Spec, state: &State) -> Self {
+        Self {
+            powered: state.powered,
+            lit: lit(spec, |pin| state.level(pin)),
+            motion: state.motion,
+            fault: state.faults.contains(&true),
+        }
+    }
+
+    fn json(&self, index: usize, spec: &'static Spec, board: Option<&BoardView>) -> Value {
+        let lit: Vec<&str> = lights(spec)
+            .filter(|Pin(pin)| self.lit >> pin & 1 == 1)
+            .filter_map(|Pin(pin)| spec.pins.get(usize::from(pin)).map(|pin| pin.name))
+            .collect();
+        let mut drive = json!({
+            "index": index,
+            "kind": spec.kind,
+            "powered": self.powered,
+            "lit": lit.join(" "),
+            "fault": self.fault,
+        });
+        if let Some(motion) = self.motion {
+            drive["moving"] = motion.moving.into();
+            drive["position"] = motion.position.into();
+            drive["speed"] = motion.speed.to_num::<f64>().into();
+        }
+        if let Some(board) = board {
+            drive["board"] = without(board, &["drive"]);
+        }
+        drive
+    }
+}
+
+fn lit(spec: &'static Spec, level: impl Fn(Pin) -> Level) -> u64 {
+    lights(spec).filter(|&pin| level(pin) == Level::High).fold(0, |lit, Pin(pin)| lit | 1 << pin)
+}
+
+/// State of a bench.
+#[derive(Clone, PartialEq, Debug)]
+pub(super) struct Seen {
+    pub(super) shape: [usize; 5],
+    pub(super) mode: TimeMode,
+    pub(super) now: Instant,
+    drives: Vec<DriveSeen>,
+    motors: Vec<ShaftState>,
+    buses: Vec<BusState>,
+    /// Boards, by the index of their drives.
+    boards: BTreeMap<usize, BoardView>,
+    /// The drive whose details are wanted.
+    wanted: Option<usize>,
+    details: Option<Drive>,
+}
+
+impl Seen {
+    pub(super) fn of(bench: &Bench, mode: TimeMode, wanted: Option<DriveId>, places: &Places) -> Self {
+        Self {
+            shape: bench.shape(),
+            mode,
+            now: bench.now(),
+            drives: bench.drives().map(|id| DriveSeen::of(bench, id)).collect(),
+            motors: bench.motors().map(|motor| bench.turn(motor)).collect(),
+            buses: bench.outlets().into_iter().map(|outlet| BusState::of(bench, outlet)).collect(),
+            boards: BTreeMap::new(),
+            wanted: wanted.map(DriveId::index),
+            details: wanted.map(|id| Drive::of_bench(bench, id, places)),
+        }
+    }
+
+    pub(super) fn add_board(
+        &mut self,
+        spec: &'static Spec,
+        drive: DriveId,
+        board: BoardView,
+        state: Option<&State>,
+        details: Option<Drive>,
+    ) {
+        let index = drive.index();
+        if let (Some(seen), Some(state)) = (self.drives.get_mut(index), state) {
+            *seen = DriveSeen::of_state(spec, state);
+        }
+        if self.wanted == Some(index) {
+            self.details = details;
+        }
+        self.boards.insert(index, board);
+    }
+
+    /// Returns true if an axis or a motor moves.
+    pub(super) fn is_moving(&self) -> bool {
+        let moves = |motion: Option<Motion>| motion.is_some_and(|motion| motion.moving);
+        self.drives.iter().any(|drive| moves(drive.motion))
+            || self.motors.iter().any(|motor| motor.rpm != 0.0)
+    }
+
+    /// The whole state as JSON.
+    pub(super) fn whole(&self, layout: &Layout, cannot: &Cannot) -> Value {
+        let mut state = json!({
+            "time": self.time(),
+            "version": env!("CARGO_PKG_VERSION"),
+            "drives": object(layout.drives.iter().enumerate().map(|(index, (name, _))| {
+                (name.as_str(), self.drive(index, layout))
+            })),
+            "motors": object(layout.motors.iter().enumerate().map(|(index, (name, _))| {
+                (name.as_str(), self.motor(index, layout))
+            })),
+            "buses": object(layout.outlets.iter().enumerate().map(|(index, names)| {
+                (names.name.as_str(), self.bus(index, layout))
+            })),
+            "wires": layout.wires,
+            "cannot": self.cannot(cannot),
+        });
+        if let Some(details) = self.details() {
+            state["drive"] = details;
+        }
+        without_nulls(state)
+    }
+
+    /// What has changed on the same bench since `old`, as a merge patch; `None` if nothing has. Only for what differs,
+    /// JSON is made.
+    pub(super) fn changes_since(&self, old: &Self, layout: &Layout, cannot: &Cannot) -> Option<Value> {
+        let mut patch = Map::new();
+        let mut add =
+            |name: &str, change: Option<Value>| patch.extend(change.map(|change| (name.to_owned(), change)));
+        if (self.now, self.mode) != (old.now, old.mode) {
+            add("time", merge_patch(&old.time(), &self.time()));
+            add("cannot", merge_patch(&old.cannot(cannot), &self.cannot(cannot)));
+        }
+        let drive = |seen: &Self, index| (seen.drives.get(index).copied(), seen.boards.get(&index).cloned());
+        add(
+            "drives",
+            Self::changed(layout.drives.iter().map(|(name, _)| name), |index| {
+                (drive(self, index) != drive(old, index))
+                    .then(|| [old, self].map(|seen| seen.drive(index, layout)))
+            }),
+        );
+        add(
+            "motors",
+            Self::changed(layout.motors.iter().map(|(name, _)| name), |index| {
+                (self.motors.get(index) != old.motors.get(index))
+                    .then(|| [old, self].map(|seen| seen.motor(index, layout)))
+            }),
+        );
+        add(
+            "buses",
+            Self::changed(layout.outlets.iter().map(|names| &names.name), |index| {
+                (self.buses.get(index) != old.buses.get(index))
+                    .then(|| [old, self].map(|seen| seen.bus(index, layout)))
+            }),
+        );
+        if self.details != old.details {
+            let json = |seen: &Self| seen.details().map_or_else(|| json!({}), without_nulls);
+            let change =
+                if self.details.is_none() { Some(Value::Null) } else { merge_patch(&json(old), &json(self)) };
+            add("drive", change);
+        }
+        (!patch.is_empty()).then_some(Value::Object(patch))
+    }
+
+    /// The changes of things with names; `states` gives the old and the new state of one that may differ.
+    fn changed<'a>(
+        names: impl Iterator<Item = &'a String>,
+        states: impl Fn(usize) -> Option<[Value; 2]>,
+    ) -> Option<Value> {
+        let changes = names.enumerate().filter_map(|(index, name)| {
+            let [old, new] = states(index)?;
+            Some((name.as_str(), merge_patch(&old, &new)?))
+        });
+        let changes: Vec<(&str, Value)> = changes.collect();
+        (!changes.is_empty()).then(|| object(changes))
+    }
+
+    fn time(&self) -> Value {
+        to_value(&Time::new(self.mode, self.now))
+    }
+
+    fn cannot(&self, cannot: &Cannot) -> Value {
+        let mut all = cannot.clone();
+        if self.mode != TimeMode::Manual {
+            all.entry("advance").or_insert(NO_ADVANCE);
+        }
+        to_value(&all)
+    }
+
+    fn drive(&self, index: usize, layout: &Layout) -> Value {
+        let (Some(seen), Some((_, spec))) = (self.drives.get(index), layout.drives.get(index)) else {
+            return Value::Null;
+        };
+        without_nulls(seen.json(index, spec, self.boards.get(&index)))
+    }
+
+    fn motor(&self, index: usize, layout: &Layout) -> Value {
+        let (Some(shaft), Some((name, drive))) = (self.motors.get(index), layout.motors.get(index)) else {
+            return Value::Null;
+        };
+        without(&Motor::new(name, drive, *shaft), &["name"])
+    }
+
+    fn bus(&self, index: usize, layout: &Layout) -> Value {
+        let (Some(state), Some(names)) = (self.buses.get(index), layout.outlets.get(index)) else {
+            return Value::Null;
+        };
+        let OutletNames { name, drives, listen, .. } = names;
+        let name_of = |id| layout.drive_name(id).unwrap_or_default();
+        without(&schema::Bus::new(name, drives, listen, state, name_of), &["name"])
+    }
+
+    fn details(&self) -> Option<Value> {
+        self.details.as_ref().map(to_value)
+    }
+}
+
+fn to_value(what: &impl Serialize) -> Value {
+    serde_json::to_value(what).unwrap_or_default()
+}
+
+/// JSON without some members, and without nulls.
+fn without(what: &impl Serialize, names: &[&str]) -> Value {
+    let mut value = to_value(what);
+    if let Some(members) = value.as_object_mut() {
+        members.retain(|name, _| !names.contains(&name.as_str()));
+    }
+    without_nulls(value)
+}
+
+fn object<'a>(members: impl IntoIterator<Item = (&'a str, Value)>) -> Value {
+    Value::Object(members.into_iter().map(|(name, value)| (name.to_owned(), value)).collect())
+}
