@@ -249,6 +249,26 @@ def test_live_events_are_those_of_all_drives(rack):
     assert seen == sorted(seen)
 
 
+def live(rack, query=""):
+    """The first update of the panel, which is the whole state."""
+    with urllib.request.urlopen(rack.control + "/api/live" + query, timeout=PATIENCE) as answer:
+        while not (line := answer.readline().decode()).startswith("data: "):
+            assert line
+        return json.loads(line.removeprefix("data: "))["state"]
+
+
+def test_the_panel_shows_all_drives_and_greys_only_what_a_drive_cannot_do(rack, boards):
+    rack = rack()
+    state = live(rack)
+    assert set(state["drives"]) == set("abxy")
+    assert {name for name, drive in state["drives"].items() if drive.get("board")} == {"a", "b"}
+    assert set(state["cannot"]) == set(live(rack, "?drive=x")["cannot"]) == {"time", "advance"}
+    of_board = live(rack, "?drive=a")["cannot"]
+    assert set(of_board) == {"time", "advance", "line_faults", "scenario", "traffic"}
+    boards[0].switch_off()
+    until(lambda: live(rack)["drives"]["a"]["board"].get("away"), "the board is not missed")
+
+
 def run_wrong(file, *options):
     """The sentence of a run that does not begin."""
     command = [os.environ["DRIVETWIN"], "run", file, *options]
