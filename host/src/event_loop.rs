@@ -379,7 +379,9 @@ impl EventLoop {
         if self.inbox.grown.receiver_count() > 0 {
             let by_hand = if self.clock.is_none() { self.bench.now().ticks() } else { 0 };
             let mark = self.bench.trace().mark() + self.bench.received_count() + self.jobs;
-            let mark = mark.wrapping_add(by_hand);
+            let is_waiting = self.bench.records_at() < Instant::NEVER;
+            let recorded = if is_waiting { self.bench.recorded_until().ticks() } else { 0 };
+            let mark = mark.wrapping_add(by_hand).wrapping_add(recorded);
             self.inbox.grown.send_if_modified(|seen| std::mem::replace(seen, mark) != mark);
         }
     }

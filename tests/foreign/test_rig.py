@@ -235,18 +235,26 @@ def test_a_board_goes_away_and_comes_back_while_the_bench_goes_on(rack, boards):
 def test_live_events_are_those_of_all_drives(rack):
     rack = rack()
     request = urllib.request.Request(rack.control + "/api/events")
+    seen, order = [], []
     with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         for name in "abxy":
             set_pin(rack, name, "low")
-        seen = []
-        while len(seen) < 4:
+        with socket.create_connection(rack.drives["x"]["rs485"], timeout=PATIENCE) as line:
+            assert ask(line, READ, len(READ_REPLY)) == READ_REPLY
+        while "message" not in order:
             line = answer.readline().decode()
             if line.startswith("data: "):
                 event = json.loads(line.removeprefix("data: "))
                 if event.get("words") == "pin J2.2 low":
                     seen.append((event["seconds"], event["drive"]))
+                if event.get("words", "").startswith("rx 01 03"):
+                    order.append("characters")
+                if event.get("text") == "read DeviceAddress":
+                    order.append("message")
     assert sorted(name for _, name in seen) == ["a", "b", "x", "y"]
     assert seen == sorted(seen)
+    # A message is behind its characters.
+    assert order == ["characters", "message"]
 
 
 def live(rack, query=""):

@@ -64,6 +64,10 @@ pub(super) struct Waits {
     settled: Instant,
     /// Bench time of the next look.
     next: Instant,
+    /// Number of messages that drives had received at the last look, and the time until which there are further looks
+    /// because of them.
+    received: u64,
+    until: Instant,
 }
 
 /// Reports of a drive so far.
@@ -190,7 +194,7 @@ impl Bench {
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn wait_for_reports(&mut self, delay: Duration) {
-        self.waits = Some(Waits { delay, settled: self.now, next: self.now });
+        self.waits = Some(Waits { delay, settled: self.now, next: self.now, received: 0, until: self.now });
         self.trace.wait();
     }
 
@@ -204,7 +208,7 @@ impl Bench {
     #[must_use]
     pub fn records_at(&self) -> Instant {
         match &self.waits {
-            Some(waits) if self.trace.is_waiting() => waits.next,
+            Some(waits) if self.trace.is_waiting() || self.now < waits.until => waits.next,
             _ => Instant::NEVER,
         }
     }
@@ -222,11 +226,15 @@ impl Bench {
 
     /// Looks at recordings that wait, if it is time. A frame that is longer than [`HELD`] is several lines.
     pub(super) fn settle(&mut self) {
+        let received = self.received_count();
         let Some(waits) = &mut self.waits else { return };
         if self.now < waits.next {
             return;
         }
         waits.next = self.now + LOOK;
+        if std::mem::replace(&mut waits.received, received) != received {
+            waits.until = self.now + waits.delay + LOOK;
+        }
         let until = Instant::ZERO + self.now.since(Instant::ZERO + waits.delay);
         for drive in self.elsewhere() {
             self.end_frames(drive, until);
@@ -597,6 +605,23 @@ mod tests {
         assert_eq!((bench.recorded_until(), bench.records_at()), (at(3_512), Instant::NEVER));
         let last = bench.trace().events().last().unwrap().at;
         assert_eq!(last, at(3_016), "a drive's own events keep their order");
+    }
+
+    #[test]
+    fn messages_of_drives_here_wait_as_long_as_the_recording() {
+        let (mut bench, [x, ..]) = rack();
+        let at = |ms: u64| Instant::ZERO + ms.millis();
+        bench.run_until(at(3_000));
+        bench.ask(x, &drivetwin_protocol::modbus::rtu::read(1, 0, 1));
+        let asked = bench.now();
+        assert_eq!((bench.received_after(0, 10).last(), bench.recorded_after(0, 10).last()), (1, 0));
+        // Nothing else happens, and there are looks until the message is recorded.
+        while bench.records_at() < Instant::NEVER {
+            let next = bench.records_at();
+            bench.run_until(next);
+        }
+        assert_eq!((bench.recorded_after(0, 10).last(), bench.recorded_after(0, 10).lost()), (1, 0));
+        assert!(bench.now().since(asked) <= 550.millis());
     }
 
     #[test]
