@@ -899,6 +899,12 @@ pub trait Device: Send {
     fn microsteps(&self, _axis: Axis) -> u16 {
         1
     }
+
+    /// Number of the line of the user program that is executed next; `None` if no program runs. Only for those who
+    /// watch the drive.
+    fn program_line(&self) -> Option<u16> {
+        None
+    }
 }
 
 /// A device can be used by reference.
@@ -971,6 +977,10 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn microsteps(&self, axis: Axis) -> u16 {
         (**self).microsteps(axis)
+    }
+
+    fn program_line(&self) -> Option<u16> {
+        (**self).program_line()
     }
 }
 

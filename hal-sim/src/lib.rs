@@ -11,6 +11,7 @@
 //! | [`decode`] | messages and their outcomes in the words of the manual |
 //! | [`export`] | waveforms (VCD), frames of the lines (pcapng), pictures of traces (SVG) |
 //! | [`line`](mod@line) | serial lines: arbitration, complete requests, faults, collisions |
+//! | [`programs`] | user programs of drives as text, for those who watch a drive |
 //! | [`record`] | recordings: traces as text, captures of the lines |
 //! | [`replay`] | runs a trace again and finds the first difference |
 //! | [`rsasm`] | user programs of the RS drives as text |
@@ -31,6 +32,7 @@ pub mod decode;
 pub mod export;
 mod ids;
 pub mod line;
+pub mod programs;
 pub mod record;
 pub mod replay;
 mod rng;

@@ -294,9 +294,9 @@ impl EventLoop {
         self.clock.as_ref().map_or(self.bench.now(), |clock| clock.at(wall))
     }
 
-    /// Runs the bench for `span`, then notifies `done`. If the caller leaves before that, the run stops.
-    pub(crate) fn advance(&mut self, span: Duration, done: oneshot::Sender<()>) {
-        self.advance = Some(Advance { until: self.bench.now() + span, done });
+    /// Runs the bench until `until`, then notifies `done`. If the caller leaves before that, the run stops.
+    pub(crate) fn advance(&mut self, until: Instant, done: oneshot::Sender<()>) {
+        self.advance = Some(Advance { until, done });
     }
 
     /// In manual time, starts to run the bench until it is idle, so that a change has its whole effect before
@@ -594,6 +594,9 @@ fn wake(waker: &OwnedFd) {
 
 #[cfg(test)]
 mod tests {
+    use std::io::{Read as _, Write as _};
+    use std::net::TcpStream;
+
     use super::*;
 
     #[test]
@@ -606,6 +609,81 @@ mod tests {
             [9_999, 10_500, 99_999, 250_000].map(|count| milestones.is_reached(count)),
             [false, true, false, true]
         );
+    }
+
+    /// Serves a QSB that streams all the time to `talk`, in real time. Returns the number of queries that the thread of
+    /// the bench has executed, and the time.
+    fn queries(talk: impl FnOnce(&dyn Fn(&str) -> TcpStream) + Send) -> (usize, WallSpan) {
+        let mut bench = Bench::new();
+        let device = drivetwin_sim::catalog::make("qsb-d").unwrap();
+        let setup = drivetwin_sim::bench::Setup { boot_fast: true, ..Default::default() };
+        let qsb = bench.add_with("q", device, setup).unwrap();
+        bench.run_until(Instant::ZERO + Duration::millis(10));
+        bench.ask(qsb, b"W0C1\r");
+        bench.ask(qsb, b"S0E\r");
+        let (handle, inbox) = handle().unwrap();
+        let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        listener.set_nonblocking(true).unwrap();
+        let address = listener.local_addr().unwrap();
+        let (places, boards) = (crate::api::Places::new(), crate::api::Boards::default());
+        let _api = crate::api::serve(listener, &[], handle, places, boards).unwrap();
+        let ports = Ports::new().unwrap();
+        let mut event_loop = EventLoop::new(bench, ports, TimeMode::Times(1), Vec::new(), inbox);
+        let ask = move |path: &str| {
+            let mut connection = TcpStream::connect(address).unwrap();
+            let request = format!("GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n");
+            connection.write_all(request.as_bytes()).unwrap();
+            connection
+        };
+        let (began, mut count) = (wall(), 0);
+        let mark = event_loop.bench.trace().mark();
+        std::thread::scope(|scope| {
+            let talking = scope.spawn(move || talk(&ask));
+            while !talking.is_finished() {
+                event_loop.catch_up();
+                event_loop.inbox.queries.collect();
+                while let Some(query) = event_loop.inbox.queries.next() {
+                    query(&event_loop);
+                    count += 1;
+                }
+                event_loop.inbox.jobs.collect();
+                while let Some(job) = event_loop.inbox.jobs.next() {
+                    job(&mut event_loop)();
+                }
+                event_loop.publish();
+                std::thread::yield_now();
+            }
+        });
+        assert!(event_loop.bench.trace().mark() > mark + 10, "nothing has happened");
+        (count, began.elapsed())
+    }
+
+    /// Reads until `text` has come `count` times.
+    fn read_until(connection: &mut TcpStream, text: &str, count: usize) {
+        let (mut read, mut piece) = (String::new(), [0; 4096]);
+        while read.matches(text).count() < count {
+            let length = connection.read(&mut piece).unwrap();
+            assert!(length > 0, "the connection is closed: {read}");
+            read.push_str(&String::from_utf8_lossy(&piece[..length]));
+        }
+    }
+
+    #[test]
+    fn without_a_reader_the_bench_is_not_looked_at() {
+        let (count, _) = queries(|ask| {
+            for _ in 0..50 {
+                read_until(&mut ask("/api/drives/q"), "\"registers\"", 1);
+            }
+        });
+        assert_eq!(count, 0);
+    }
+
+    #[test]
+    fn a_reader_looks_at_a_busy_bench_at_most_30_times_a_second() {
+        let (count, span) = queries(|ask| read_until(&mut ask("/api/live?drive=q"), "event: update", 20));
+        // One query finds the drive, and the first look waits for nothing.
+        let most = 2 + span.as_millis() / 33;
+        assert!((20..=most).contains(&(count as u128)), "{count} in {span:?}");
     }
 
     #[test]

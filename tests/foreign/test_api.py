@@ -520,3 +520,93 @@ def test_a_reader_that_stops_keeps_nobody_waiting_and_goes_on_with_the_present(r
     now = drivetwin.call("POST", "/api/time/advance", {"seconds": 1})
     live.until(lambda live: live.state["time"] == now)
     live.close()
+
+
+class Terminal:
+    """A terminal at a port of a drive."""
+
+    def __init__(self, drivetwin, port):
+        self.drivetwin, self.shown = drivetwin, ""
+        self.connection = connect(drivetwin)
+        self.connection.request("GET", f"/api/drives/{drivetwin.kind}/ports/{port}/terminal")
+        self.answer = answered(self.connection)
+        kind, data = self.event()
+        assert kind == "open"
+        self.id = data["id"]
+
+    def event(self):
+        """The kind and the data of the next event; None if the drive has ended the connection."""
+        fields = {}
+        while not fields:
+            while (line := self.answer.readline().decode()) != "\n":
+                if not line:
+                    return None
+                if not line.startswith(":"):
+                    name, _, value = line.rstrip("\n").partition(": ")
+                    fields[name] = value
+        return fields["event"], json.loads(fields["data"])
+
+    def type(self, text):
+        self.drivetwin.call("POST", f"/api/terminals/{self.id}", {"text": text})
+
+    def until(self, text):
+        """Reads until this text has come."""
+        until = time.monotonic() + PATIENCE
+        while text not in self.shown:
+            assert time.monotonic() < until, self.shown
+            kind, data = self.event()
+            assert kind == "text"
+            self.shown += data["text"]
+
+    def close(self):
+        self.answer.close()
+        self.connection.close()
+
+
+def test_a_terminal_at_mcode_and_its_end(run):
+    """VM is 768,000 in a new drive (MCode manual, VM)."""
+    drivetwin = run("--fast-boot", "--time", "manual", kind="mdrive")
+    first, second = Terminal(drivetwin, "mcode"), Terminal(drivetwin, "mcode")
+    assert (first.id, second.id) == (1, 2)
+    assert drivetwin.drive()["ports"]["mcode"]["connected"] == 2
+    first.type("PR ")
+    first.type("VM\r")
+    first.until("PR VM\r\n768000\r\n")
+    second.close()
+    until = time.monotonic() + PATIENCE
+    while drivetwin.drive()["ports"]["mcode"]["connected"] == 2:
+        assert time.monotonic() < until, "the client is still there"
+    assert "there is no terminal 2" in refused(drivetwin, "POST", "/api/terminals/2", {"text": "PR VM\r"})["detail"]
+    # Without power the connection is lost, and there is no other one.
+    drivetwin.call("POST", "/api/drives/mdrive/power", {"action": "off"})
+    while first.event():
+        pass
+    problem = refused(drivetwin, "GET", "/api/drives/mdrive/ports/mcode/terminal")
+    assert (problem["status"], problem["detail"]) == (409, "mdrive accepts no connection: the drive has no power")
+    problem = refused(drivetwin, "GET", "/api/drives/mdrive/ports/modbus/terminal")
+    assert (problem["status"], problem["detail"]) == (422, "a terminal is for a port of mdrive with text; it has mcode")
+
+
+def test_a_terminal_at_a_qsb(run):
+    """ReadEncoder is register 0E (4.1)."""
+    drivetwin = run("--fast-boot", kind="qsb-d")
+    terminal = Terminal(drivetwin, "usb")
+    terminal.type("R0E\r")
+    terminal.until("r 0E 00000000")
+    terminal.close()
+
+
+def test_the_clock_runs_to_the_next_event(run):
+    """An MD3 answers 2.5 s after power-on; a move of 10,000 steps takes 2.5 s (7.15)."""
+    drivetwin = run("--fast-boot", "--time", "manual")
+    drivetwin.advance(1)
+    drivetwin.call("PUT", "/api/drives/md3/registers/MotionControl", {"value": 1})
+    while drivetwin.drive()["motion"]["moving"]:
+        before = drivetwin.call("GET", "/api/bench")["time"]["seconds"]
+        after = drivetwin.call("POST", "/api/time/advance", {"to": "next"})["seconds"]
+        assert before < after < before + 2.6
+    assert drivetwin.drive()["motion"]["position"] == 10_000
+    for body in ({}, {"seconds": 1, "to": "next"}):
+        assert "takes seconds, or" in refused(drivetwin, "POST", "/api/time/advance", body)["detail"]
+    drivetwin.call("PUT", "/api/time", {"mode": "real"})
+    assert refused(drivetwin, "POST", "/api/time/advance", {"to": "next"})["status"] == 409

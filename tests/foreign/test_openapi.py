@@ -72,10 +72,13 @@ NAMES = {
         "register": ["Speed", "Mdr0", "Sped"],
         "fault": ["over_temperature", "stall"],
     },
+    "/api/terminals/{id}": {"id": [1]},
     "/api/kinds/{kind}": {"kind": ["md3", "qsb-d", "md4"]},
     "/api/buses/{name}": {"name": ["line1", "reader.usb", "brush.rs485", "net.modbus", "line2"]},
 }
 """What is called so, and what is not: hardly any other name would meet something."""
+
+TERMINAL = "/api/drives/net/ports/mcode/terminal"
 
 STEPS = [
     {"bus": "line1", "faults": {"drop": {"count": 1}}},
@@ -110,7 +113,10 @@ def drivetwin(tmp_path_factory):
     bench = tmp_path_factory.mktemp("bench") / "bench.toml"
     bench.write_text(BENCH)
     drivetwin = Drivetwin("--fast-boot", "--time", "manual", kind=bench)
-    yield drivetwin
+    # Terminal 1 is open meanwhile.
+    with urllib.request.urlopen(drivetwin.control + TERMINAL, timeout=PATIENCE) as events:
+        assert events.readline() == b"event: open\n"
+        yield drivetwin
     assert drivetwin.stop() == 0
     drivetwin.kill()
 
@@ -120,7 +126,7 @@ def described(drivetwin):
     with urllib.request.urlopen(drivetwin.control + "/openapi.json", timeout=PATIENCE) as answer:
         document = json.load(answer)
     # They never end; test_api.py follows them.
-    for endless in ["/api/events", "/api/live"]:
+    for endless in ["/api/events", "/api/live", "/api/drives/{name}/ports/{port}/terminal"]:
         del document["paths"][endless]
     for path, item in document["paths"].items():
         names = next((names for prefix, names in NAMES.items() if path.startswith(prefix)), {})

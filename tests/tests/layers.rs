@@ -5,13 +5,14 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 /// Modules of `hal-sim/src`, lowest first.
-const HAL_SIM: [&str; 19] = [
+const HAL_SIM: [&str; 20] = [
     "ids",
     "rng",
     "suggest",
     "value",
     "catalog",
     "rsasm",
+    "programs",
     "record",
     "decode",
     "scheduler",

@@ -77,7 +77,7 @@ const fn check(
 }
 
 /// Every check. The order is that in which the lanes run the checks of their groups.
-const CHECKS: [Check; 29] = [
+const CHECKS: [Check; 30] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -112,6 +112,7 @@ const CHECKS: [Check; 29] = [
     }),
     check(Group::Foreign, "modbus-serial", &[Tool::Python, Tool::Node], |sh| foreign(sh, &[MODBUS_SERIAL])),
     check(Group::Foreign, "ser2net", &[Tool::Python, Tool::Ser2net], |sh| foreign(sh, &[SER2NET])),
+    check(Group::Foreign, "panel in Chromium", &[Tool::Node, Tool::Chromium], panel),
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
     check(Group::Foreign, "waveforms", &[Tool::Python, Tool::Sigrok], |sh| foreign(sh, &[VCD])),
     check(
@@ -300,6 +301,13 @@ fn pico_usb(sh: &Shell) -> Result<()> {
     let package = python::with_masters(sh)?;
     let _with_package = sh.push_env("DRIVETWIN_PYTEST", package);
     foreign(sh, &[PICO_USB])
+}
+
+/// Uses the panel in a browser as a person would.
+fn panel(sh: &Shell) -> Result<()> {
+    build(sh)?;
+    let test = cmd!(sh, "npm test --prefix tests/page --silent");
+    Ok(test.env("DRIVETWIN", drivetwin(sh)).run()?)
 }
 
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {

@@ -46,6 +46,8 @@ pub(crate) enum Tool {
     Tshark,
     /// sigrok for the command line.
     Sigrok,
+    /// A browser without a window.
+    Chromium,
     /// Python with `venv`. The environment has the packages of `tests/foreign/requirements.txt`: masters, and
     /// programs that test the control API.
     Python,
@@ -116,8 +118,9 @@ impl Tool {
             Self::Curl => "curl",
             Self::Tshark => "tshark",
             Self::Sigrok => "sigrok-cli",
+            Self::Chromium => "Chromium",
             Self::Python => "a Python environment for foreign masters and the control API",
-            Self::Node => "Node 20 with the emulator of the Pico and foreign masters",
+            Self::Node => "Node 20 with the emulator of the Pico, foreign masters and a driver of browsers",
         }
     }
 
@@ -138,6 +141,7 @@ impl Tool {
             Self::Curl => "apt-get install curl",
             Self::Tshark => "apt-get install tshark",
             Self::Sigrok => "apt-get install sigrok-cli",
+            Self::Chromium => "apt-get install chromium",
             Self::Python => "apt-get install python3 python3-venv",
             Self::Node => "apt-get install nodejs npm",
         }
@@ -156,6 +160,7 @@ impl Tool {
             Self::Curl => runs(sh, "curl"),
             Self::Tshark => runs(sh, "tshark"),
             Self::Sigrok => runs(sh, "sigrok-cli"),
+            Self::Chromium => runs(sh, "chromium"),
             Self::Python => environment_is_current(sh),
             Self::Node => has_node(sh) && PACKAGES.iter().all(|folder| is_current(sh, folder)),
         }
@@ -174,6 +179,7 @@ impl Tool {
             Self::Curl => apt.install(sh, "curl"),
             Self::Tshark => apt.install(sh, "tshark"),
             Self::Sigrok => apt.install(sh, "sigrok-cli"),
+            Self::Chromium => apt.install(sh, "chromium"),
             Self::Python => {
                 if cmd!(sh, "python3 -c").arg("import venv, ensurepip").quiet().ignore_stderr().run().is_err()
                 {
@@ -287,8 +293,8 @@ fn make_environment(sh: &Shell) -> Result<()> {
         .with_context(|| format!("cannot finish {}", environment.display()))
 }
 
-/// Folders of programs for Node: the emulated Pico, and third-party masters.
-const PACKAGES: [&str; 2] = ["tests/pico", "tests/foreign/node"];
+/// Folders of programs for Node: the emulated Pico, third-party masters, and what drives a browser.
+const PACKAGES: [&str; 3] = ["tests/pico", "tests/foreign/node", "tests/page"];
 
 /// Returns whether the installed packages are those of the lock file. npm writes a list of the packages that
 /// it has installed.

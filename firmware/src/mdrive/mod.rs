@@ -25,6 +25,7 @@ use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::{Drive, Model};
 use self::mcode::console::note_lost_input;
+pub use self::mcode::program::lines as program_lines;
 pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
@@ -293,5 +294,9 @@ impl Device for Mdrive {
 
     fn microsteps(&self, _axis: crate::device::Axis) -> u16 {
         self.drive.bank.word(Reg::MS)
+    }
+
+    fn program_line(&self) -> Option<u16> {
+        self.drive.mcode.vm.next_line()
     }
 }

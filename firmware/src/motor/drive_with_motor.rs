@@ -304,4 +304,8 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
     fn microsteps(&self, axis: Axis) -> u16 {
         self.drive.microsteps(axis)
     }
+
+    fn program_line(&self) -> Option<u16> {
+        self.drive.program_line()
+    }
 }

@@ -355,6 +355,10 @@ impl Device for Rs434 {
         self.after_event(at, out);
         Ok(())
     }
+
+    fn program_line(&self) -> Option<u16> {
+        self.drive.program.next_line()
+    }
 }
 
 /// The drive as the server uses it during a request.

@@ -67,7 +67,7 @@ use motors::MotorSlot;
 pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
 pub use pin_wires::{StepOutput, Wire, WireOutput};
-pub use received::{Accesses, Counts, News, Received, ReceivedMessage, Receiver};
+pub use received::{Accesses, Counts, News, OwnNews, Received, ReceivedMessage, Receiver, SentMessage};
 use scenario::Playing;
 pub use shaft_sensors::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 pub use stimulus::{ENCODER_HZ, PULSE_HZ};

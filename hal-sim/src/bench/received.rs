@@ -17,6 +17,7 @@ use crate::line::collisions::{CollisionTracker, SentRequest};
 use crate::record::capture::Medium;
 use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::journal::{Draft, Entry, Journal, NoMessage, Outcome};
+use crate::record::own_messages::OwnMessage;
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
 
@@ -264,6 +265,53 @@ impl News {
     }
 }
 
+/// Messages that drives have sent by themselves, for a reader that follows the bench.
+#[derive(Clone, Debug, Default)]
+pub struct OwnNews {
+    entries: Vec<(DriveId, &'static Spec, OwnMessage)>,
+    last: u64,
+    left_out: u64,
+}
+
+/// A message that a drive has sent by itself, with its text.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct SentMessage {
+    /// The drive.
+    pub drive: DriveId,
+    /// Bench time at which the drive has sent it.
+    pub at: Instant,
+    /// Name of the port.
+    pub port: &'static str,
+    /// Bytes of the message, at most 1,024.
+    pub bytes: Vec<u8>,
+    /// The message in words; empty if it has only prompts.
+    pub text: String,
+}
+
+impl OwnNews {
+    /// Number of the last message, for the next call of [`Bench::own_messages`].
+    #[must_use]
+    pub fn last(&self) -> u64 {
+        self.last
+    }
+
+    /// Number of messages that are left out.
+    #[must_use]
+    pub fn left_out(&self) -> u64 {
+        self.left_out
+    }
+
+    /// The messages with their texts, in the order in which they were sent.
+    pub fn messages(&self) -> impl Iterator<Item = SentMessage> + '_ {
+        self.entries.iter().filter_map(|(drive, spec, message)| {
+            let OwnMessage { at, port, bytes, .. } = message;
+            let port = spec.ports.get(usize::from(port.0))?;
+            let text = decode::own_message(spec, port.framing, bytes);
+            Some(SentMessage { drive: *drive, at: *at, port: port.name, bytes: bytes.clone(), text })
+        })
+    }
+}
+
 /// Messages that drives have received.
 impl Bench {
     /// The latest messages that a drive has received on all its ports, and those of its shared line that were
@@ -394,6 +442,30 @@ impl Bench {
             news.lost = news.last - after - count as u64;
         }
         news
+    }
+
+    /// The newest messages after number `after` that all drives, or one drive, have sent by themselves on ports with text,
+    /// at most `most`: records of a stream, what a program prints. The latest 100 of each drive are kept.
+    #[must_use]
+    pub fn own_messages(&self, after: u64, most: usize, drive: Option<DriveId>) -> OwnNews {
+        let last = self.outputs.own_messages;
+        if last <= after {
+            return OwnNews { last: after, ..OwnNews::default() };
+        }
+        let (mut entries, mut held) = (Vec::new(), 0);
+        for id in self.drives().filter(|&id| drive.is_none_or(|only| only == id)) {
+            let slot = self.at(id);
+            let new = slot.state.own_messages.after(after);
+            held += new.len() as u64;
+            entries.extend(new.rev().take(most).map(|message| (id, slot.spec, message)));
+        }
+        entries.sort_by_key(|(_, _, message)| message.number);
+        entries.drain(..entries.len().saturating_sub(most));
+        // Of all drives the numbers say how many are no longer kept.
+        let all = if drive.is_none() { last - after } else { held };
+        let left_out = all - entries.len() as u64;
+        let entries = entries.into_iter().map(|(id, spec, message)| (id, spec, message.clone()));
+        OwnNews { entries: entries.collect(), last, left_out }
     }
 
     /// A message on one line of text, for logs. On a bench of several drives it begins with the name of the

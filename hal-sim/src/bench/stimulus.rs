@@ -322,6 +322,13 @@ impl Bench {
         self.shaft(drive, axis).map_or_else(|| self.at(drive).motion(self.now, axis), Motion::from)
     }
 
+    /// Number of the line of a drive's user program that is executed next; `None` if no program runs.
+    /// [`programs::listing`](crate::programs::listing) has the same numbers.
+    #[must_use]
+    pub fn program_line(&self, drive: DriveId) -> Option<u16> {
+        self.at(drive).program_line()
+    }
+
     /// Statistics of a port since its drive was added.
     #[must_use]
     pub fn statistics(&self, drive: DriveId, port: Port) -> Statistics {

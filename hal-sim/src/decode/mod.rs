@@ -74,6 +74,18 @@ impl fmt::Display for Verdict {
     }
 }
 
+/// A message that a drive sends by itself on a port with text, in words; empty if it has only prompts.
+pub(crate) fn own_message(spec: &Spec, framing: Framing, bytes: &[u8]) -> String {
+    match framing {
+        Framing::Return => text::printed_lines(bytes, &mut None).join(" / "),
+        _ => {
+            let line = bytes.trim_ascii();
+            let words = text::response(spec, line, &mut Request::default());
+            words.unwrap_or_else(|| text::printable(line))
+        }
+    }
+}
+
 /// Mark of a message in a picture.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 pub enum Mark {

@@ -5,5 +5,6 @@ pub mod capture;
 pub mod early;
 pub mod effects;
 pub mod journal;
+pub mod own_messages;
 pub mod requests;
 pub mod trace;

@@ -19,26 +19,47 @@ const MANY: usize = 4;
 /// `program` as text, with the number of each line after it. PC_REG shows the same numbers.
 #[must_use]
 pub fn disassemble(program: &[u32]) -> String {
-    let listing = Listing::new(program);
     let mut text = String::new();
-    let mut at = 0;
-    while at < program.len() {
-        if listing.labelled[at] {
-            line(&mut text, format_args!("{}:", label(at)));
+    for Line { at, label, words } in lines(program) {
+        if let Some(label) = label {
+            line(&mut text, format_args!("{label}:"));
         }
+        if !words.is_empty() {
+            line(&mut text, format_args!("        {words:<48}; {at}"));
+        }
+    }
+    text
+}
+
+/// A line of a listing.
+#[derive(Clone, PartialEq, Eq, Debug)]
+pub struct Line {
+    /// Number of the line of the program.
+    pub at: usize,
+    /// Label in front of it.
+    pub label: Option<String>,
+    /// The command in words; empty at a label behind the last line.
+    pub words: String,
+}
+
+/// The lines of a program in words.
+#[must_use]
+pub fn lines(program: &[u32]) -> Vec<Line> {
+    let listing = Listing::new(program);
+    let label = |at: usize| listing.labelled[at].then(|| label(at));
+    let (mut lines, mut at) = (Vec::new(), 0);
+    while at < program.len() {
         let zeros = listing.zeros(at);
-        let (words, lines) = match listing.command(at) {
+        let (words, count) = match listing.command(at) {
             _ if zeros >= MANY => (format!("{ZERO} {zeros}"), zeros),
             Some(found) => (listing.words(at, found), found.command.lines().into()),
             None => (format!("{WORD} 0x{:08X}", program[at]), 1),
         };
-        line(&mut text, format_args!("        {words:<48}; {at}"));
-        at += lines;
+        lines.push(Line { at, label: label(at), words });
+        at += count;
     }
-    if listing.labelled[at] {
-        line(&mut text, format_args!("{}:", label(at)));
-    }
-    text
+    lines.extend(label(at).map(|label| Line { at, label: Some(label), words: String::new() }));
+    lines
 }
 
 /// Appends a text line.

@@ -24,7 +24,7 @@ use drivetwin_firmware::rs434::LINES;
 use drivetwin_protocol::registers::Space;
 
 pub use self::assemble::assemble;
-pub use self::disassemble::disassemble;
+pub use self::disassemble::{Line, disassemble, lines};
 pub use self::image::Image;
 
 /// The system registers, in the order of uAdrSysReg.

@@ -352,6 +352,9 @@ impl Slot {
                 self.state.enter(entry, context.outputs);
             }
         }
+        if let Some((port, bytes)) = self.state.reception.take_own() {
+            self.state.own_messages.push(&mut context.outputs.own_messages, at, port, bytes);
+        }
         if self.state.dead {
             self.state.power_off(at, context.outputs);
         }
@@ -400,6 +403,11 @@ impl Slot {
         {
             trace.record_shaft(at, drive, axis, shaft);
         }
+    }
+
+    /// Number of the line of the user program that is executed next.
+    pub(crate) fn program_line(&self) -> Option<u16> {
+        if self.state.powered { self.device.program_line() } else { None }
     }
 
     /// Time from which the drive receives what arrives at its ports.

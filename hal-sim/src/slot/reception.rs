@@ -20,6 +20,7 @@ use drivetwin_protocol::modbus::ascii;
 
 use crate::decode::text::{BACKSPACE, is_key, key_at_end, typed};
 use crate::record::journal::{Draft, Entry, NoMessage, Outcome};
+use crate::record::own_messages;
 
 /// Maximum number of bytes that wait for an outcome; further bytes are left out.
 const LONGEST: usize = 1 << 10;
@@ -109,6 +110,10 @@ pub(crate) struct Reception {
     touched: bool,
     /// True while the characters that arrive are those of another drive.
     pub(crate) overhears: bool,
+    /// True if text has arrived in the present call, so that what the drive sends may be its echo.
+    hears_text: bool,
+    /// What the drive sends by itself on a port with text in the present call.
+    own: Option<(Port, Vec<u8>)>,
 }
 
 impl Reception {
@@ -130,6 +135,8 @@ impl Reception {
             ignores: None,
             touched: false,
             overhears: false,
+            hears_text: false,
+            own: None,
         }
     }
 
@@ -176,6 +183,7 @@ impl Reception {
     ) {
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
         port.ascii = port.framing == Framing::Silence && ascii::is_on(line);
+        self.hears_text |= port.is_text();
         if port.framing == Framing::Character {
             // A backspace cancels the line, and the errors of its characters.
             let is_cancelled = bytes == [BACKSPACE] && port.part.unreadable > 0;
@@ -261,6 +269,7 @@ impl Reception {
         is_deaf: impl FnOnce() -> bool,
     ) {
         let Some(port) = self.ports.get_mut(usize::from(number.0)) else { return };
+        self.hears_text |= port.is_text();
         if port.link != link {
             let old = mem::take(&mut port.part);
             if !old.is_empty() {
@@ -371,6 +380,11 @@ impl Reception {
                     self.touched = true;
                     self.before.extend_from_slice(bytes);
                 }
+                if !self.hears_text && of.is_some_and(PortReception::is_text) {
+                    let (_, own) = self.own.get_or_insert_with(|| (port, Vec::new()));
+                    let room = own_messages::LONGEST.saturating_sub(own.len()).min(bytes.len());
+                    own.extend_from_slice(&bytes[..room]);
+                }
             }
             Some(_) => {}
         }
@@ -437,6 +451,12 @@ impl Reception {
         if self.open.is_some_and(|open| matches!(open.outcome, Outcome::Refused(_))) {
             self.draft.reason(Reason(number()));
         }
+    }
+
+    /// Ends the present call, and returns what the drive has sent by itself.
+    pub(super) fn take_own(&mut self) -> Option<(Port, Vec<u8>)> {
+        self.hears_text = false;
+        self.own.take()
     }
 
     /// Returns true if the present call has outcomes.

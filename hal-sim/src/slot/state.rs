@@ -10,6 +10,7 @@ use super::reception::Reception;
 use super::serial_port::{PortState, Serial};
 use super::tcp_port::Tcp;
 use crate::record::journal::{Entry, Journal, Outcome};
+use crate::record::own_messages::OwnMessages;
 use crate::record::requests::StartingRequests;
 use crate::record::trace::{Cut, Trace};
 use crate::rng::Rng;
@@ -37,6 +38,7 @@ pub(crate) struct SlotState {
     pub(crate) faults: Vec<bool>,
     pub(crate) reception: Reception,
     pub(crate) journal: Journal,
+    pub(crate) own_messages: OwnMessages,
     /// Requests while the drive was starting.
     pub(crate) starting: StartingRequests,
 }
@@ -133,6 +135,8 @@ pub(crate) struct Outputs {
     pub(crate) claimed: Vec<(u32, Port)>,
     /// Number of the last entry of a journal; not cleared.
     pub(crate) entries: u64,
+    /// Number of the last message that a drive has sent by itself; not cleared.
+    pub(crate) own_messages: u64,
     /// The last frame that a drive reported as one for another address: line, end, and the drive; not cleared.
     foreign: Option<(u32, Instant, u32)>,
 }
@@ -224,6 +228,7 @@ impl SlotState {
             faults: vec![false; spec.faults.len()],
             reception: Reception::new(spec),
             journal: Journal::default(),
+            own_messages: OwnMessages::default(),
             starting: StartingRequests::default(),
         }
     }

@@ -3,7 +3,7 @@
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use drivetwin_firmware::device::Duration;
+use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_panel::faults::Faults;
 use drivetwin_panel::schema::{Bench, Bus, Drive, Time};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
@@ -17,7 +17,7 @@ use tokio::sync::oneshot;
 use super::guard::Body;
 use super::problem::Problem;
 use super::schema::{
-    Advance, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Turn, board_view, drive_of_board,
+    Advance, Mode, Moment, NewValue, PinLevel, Power, Pulses, Scenario, Turn, board_view, drive_of_board,
 };
 use super::{Api, stopping};
 use crate::board::{Board, reasons};
@@ -242,19 +242,25 @@ pub(super) async fn pace(State(api): State<Api>, Body(mode): Body<Mode>) -> Resu
 /// Advances the clock in manual time. The response comes when the bench has reached that time.
 #[utoipa::path(post, path = "/api/time/advance", request_body = Advance, responses(
     (status = 200, body = Time),
-    (status = 409, description = "Another call advances the clock, the time mode is not manual, or a board has its own clock.", body = Problem,
+    (status = 409, description = "Another call advances the clock, the time mode is not manual, no event will come, or a board has its own clock.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn advance(
     State(api): State<Api>,
     Body(advance): Body<Advance>,
 ) -> Result<Json<Time>, Problem> {
-    if !(0.0..=MAX_ADVANCE).contains(&advance.seconds) {
-        return Err(Problem::refused("seconds takes 0 to 86400"));
-    }
+    let span = match advance {
+        Advance { seconds: Some(seconds), to: None } => {
+            if !(0.0..=MAX_ADVANCE).contains(&seconds) {
+                return Err(Problem::refused("seconds takes 0 to 86400"));
+            }
+            // The span is not negative, and far below the maximum of a tick counter.
+            Some(Duration::from_ticks((seconds * TICKS_PER_SECOND as f64).round() as u64))
+        }
+        Advance { seconds: None, to: Some(Moment::Next) } => None,
+        _ => return Err(Problem::refused("an advance takes seconds, or \"to\": \"next\", one of them")),
+    };
     api.refuse_with_boards(reasons::NO_TIME)?;
-    // The span is not negative, and far below the maximum of a tick counter.
-    let span = Duration::from_ticks((advance.seconds * TICKS_PER_SECOND as f64).round() as u64);
     let Ok(_turn) = api.advancing.try_acquire() else {
         return Err(Problem::conflict("another call advances the clock; wait until it has ended"));
     };
@@ -265,7 +271,14 @@ pub(super) async fn advance(
                 "the time mode is not manual; PUT {\"mode\":\"manual\"} to /api/time first",
             ));
         }
-        event_loop.advance(span, done);
+        let until = match span {
+            Some(span) => event_loop.bench.now() + span,
+            None => event_loop.bench.next(),
+        };
+        if until == Instant::NEVER {
+            return Err(Problem::conflict("nothing will happen on this bench before somebody acts"));
+        }
+        event_loop.advance(until, done);
         Ok(())
     });
     begun.await??;

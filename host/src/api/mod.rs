@@ -15,6 +15,7 @@ mod page;
 mod problem;
 mod received;
 mod schema;
+mod terminals;
 
 use std::collections::BTreeMap;
 use std::io;
@@ -69,7 +70,9 @@ struct Api {
     readers: Arc<Semaphore>,
     /// Permits for downloads of a trace.
     exports: Arc<Semaphore>,
+    /// What boards have answered lately.
     polls: live::Polls,
+    terminals: terminals::Terminals,
 }
 
 /// Boards, by the names of their drives. On the bench each has a drive of the same name that is elsewhere.
@@ -206,15 +209,9 @@ pub(crate) fn serve(
     };
     let room = |most| Arc::new(Semaphore::new(most));
     let (advancing, readers, exports) = (room(1), room(MAX_READERS), room(MAX_EXPORTS));
-    let api = Api {
-        handle,
-        places: Arc::new(places),
-        boards,
-        advancing,
-        readers,
-        exports,
-        polls: live::Polls::default(),
-    };
+    let (polls, terminals) = (live::Polls::default(), terminals::Terminals::default());
+    let places = Arc::new(places);
+    let api = Api { handle, places, boards, advancing, readers, exports, polls, terminals };
     let router = router(api, hosts);
     let (end, ended) = oneshot::channel();
     let thread = std::thread::Builder::new().name("control".into()).spawn(move || {
@@ -263,6 +260,8 @@ fn calls() -> OpenApiRouter<Api> {
         .routes(routes!(calls::play))
         .routes(routes!(calls::pace))
         .routes(routes!(calls::advance))
+        .routes(routes!(terminals::terminal))
+        .routes(routes!(terminals::typed))
         .layer(from_fn(guard::no_query))
         .routes(routes!(downloads::trace))
         .routes(routes!(received::received))

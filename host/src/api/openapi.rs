@@ -9,6 +9,7 @@ use utoipa::openapi::{self, Content, Ref, RefOr, Response};
 use super::downloads::Format;
 use super::event_stream::{Happened, Lost, ReceivedEvent};
 use super::problem::{self, Problem};
+use super::terminals::{TerminalOpen, TerminalText};
 
 /// The part of the document that is not derived from the calls.
 #[derive(OpenApi)]
@@ -27,6 +28,8 @@ use super::problem::{self, Problem};
         live::Frame,
         ReceivedEvent,
         Rule,
+        TerminalOpen,
+        TerminalText,
         Way
     ))
 )]
@@ -127,6 +130,7 @@ mod tests {
             "get /api/buses",
             "get /api/drives/{name}",
             "get /api/drives/{name}/memory",
+            "get /api/drives/{name}/ports/{port}/terminal",
             "get /api/drives/{name}/received",
             "get /api/events",
             "get /api/kinds/{kind}",
@@ -136,6 +140,7 @@ mod tests {
             "post /api/drives/{name}/pins/{pin}/pulses",
             "post /api/drives/{name}/power",
             "post /api/scenario",
+            "post /api/terminals/{id}",
             "post /api/time/advance",
             "put /api/buses/{name}/faults",
             "put /api/drives/{name}/faults/{fault}",

@@ -137,13 +137,23 @@ pub(super) struct Mode {
     pub(super) mode: String,
 }
 
-/// Advance of the clock in manual time.
+/// Advance of the clock in manual time: exactly one of the two.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
+#[schema(example = json!({"seconds": 1.25}))]
 pub(super) struct Advance {
     /// Bench time to run, 0 to 86,400 s.
-    #[schema(minimum = 0, maximum = 86400, example = 1.25)]
-    pub(super) seconds: f64,
+    #[schema(minimum = 0, maximum = 86400)]
+    pub(super) seconds: Option<f64>,
+    /// Runs the bench to this moment.
+    pub(super) to: Option<Moment>,
+}
+
+/// `next` is the next event of the bench: a drive, a line or a motor has something to do.
+#[derive(Clone, Copy, Deserialize, ToSchema)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum Moment {
+    Next,
 }
 
 /// Actions that happen at a time, or after a request of a master.

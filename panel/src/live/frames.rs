@@ -1,18 +1,23 @@
 //! Messages in words.
 
-use drivetwin_sim::bench::{News, ReceivedMessage, Receiver};
-use drivetwin_sim::decode::Exchange;
+use std::collections::VecDeque;
+
+use drivetwin_sim::bench::{News, OwnNews, ReceivedMessage, Receiver, SentMessage};
+use drivetwin_sim::decode::{Exchange, Verdict};
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::MOST_FRAMES;
 use super::seen::Layout;
 use crate::units::{hex, seconds};
 
-/// A message to a drive, with its outcome.
+/// A message to a drive, with its outcome, or a message that a drive has sent by itself.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Frame {
-    /// Number of the message on the bench.
-    pub number: u64,
+    /// Number of a message to a drive on the bench.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(nullable = false)]
+    pub number: Option<u64>,
     /// Bench time of its end, in seconds.
     #[schema(example = 2.513176875)]
     pub at: f64,
@@ -47,11 +52,19 @@ pub struct Frame {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub answer: Option<String>,
+    /// True if the drive has sent the message by itself, as a QSB that streams; otherwise absent.
+    #[serde(skip_serializing_if = "is_false")]
+    pub sent: bool,
 }
 
-/// The messages of some news, and the number of those that are left out.
-pub(super) fn of(news: &News, layout: &Layout) -> (Vec<Frame>, u64) {
-    let frames = news.messages().map(|(receiver, message)| {
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the signature that serde asks for")]
+fn is_false(flag: &bool) -> bool {
+    !flag
+}
+
+/// The newest messages of some news, and the number of those that are left out.
+pub(super) fn of(news: &News, own: &OwnNews, layout: &Layout) -> (Vec<Frame>, u64) {
+    let received = news.messages().map(|(receiver, message)| {
         let ReceivedMessage { number, at, port, bytes, answer, exchange } = message;
         let Exchange { request, verdict, reason, outcome } = exchange;
         let (drive, bus) = match receiver {
@@ -59,7 +72,7 @@ pub(super) fn of(news: &News, layout: &Layout) -> (Vec<Frame>, u64) {
             Receiver::Line(bus) => (None, layout.bus_name(bus).map(ToOwned::to_owned)),
         };
         Frame {
-            number,
+            number: Some(number),
             at: seconds(at),
             drive,
             bus,
@@ -70,7 +83,37 @@ pub(super) fn of(news: &News, layout: &Layout) -> (Vec<Frame>, u64) {
             reason,
             bytes: hex(&bytes),
             answer: (!answer.is_empty()).then(|| hex(&answer)),
+            sent: false,
         }
     });
-    (frames.collect(), news.lost())
+    let sent = own.messages().filter(|message| !message.text.is_empty()).map(|message| {
+        let SentMessage { drive, at, port, bytes, text } = message;
+        Frame {
+            number: None,
+            at: seconds(at),
+            drive: layout.drive_name(drive).map(ToOwned::to_owned),
+            bus: None,
+            port,
+            text,
+            outcome: "sent by itself".to_owned(),
+            verdict: Verdict::Done.as_str(),
+            reason: None,
+            bytes: hex(&bytes),
+            answer: None,
+            sent: true,
+        }
+    });
+    let mut sent: VecDeque<Frame> = sent.collect();
+    let mut frames = Vec::with_capacity(sent.len());
+    // Received messages keep their order, which is not always that of their times.
+    for frame in received {
+        while let Some(earlier) = sent.pop_front_if(|sent| sent.at < frame.at) {
+            frames.push(earlier);
+        }
+        frames.push(frame);
+    }
+    frames.extend(sent);
+    let further = frames.len().saturating_sub(MOST_FRAMES);
+    frames.drain(..further);
+    (frames, news.lost() + own.left_out() + further as u64)
 }

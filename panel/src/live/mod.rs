@@ -36,11 +36,12 @@ mod seen;
 mod tests;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use drivetwin_firmware::device::{Instant, Spec};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, DriveId, News};
+use drivetwin_sim::bench::{Bench, DriveId, News, Outlet, OwnNews};
 use drivetwin_sim::commands::State;
 use drivetwin_sim::config::time_mode::TimeMode;
 use serde::Serialize;
@@ -87,10 +88,12 @@ fn is_zero(number: &u64) -> bool {
 pub struct Look {
     /// The drive whose details are wanted.
     drive: Option<String>,
-    /// Shape of the bench that the viewer knows.
+    /// Shape of the bench that the viewer knows, and its lines and TCP ports.
     shape: Option<[usize; 5]>,
-    /// Number of the last message that the viewer has.
+    outlets: Arc<[Outlet]>,
+    /// Numbers of the last messages that the viewer has: to drives, and of drives by themselves.
     received: u64,
+    own: u64,
 }
 
 /// State of a bench at one instant, as numbers; the thread of the bench has nothing to do with the texts.
@@ -99,6 +102,7 @@ pub struct Snapshot {
     layout: Option<Layout>,
     seen: Seen,
     news: News,
+    own: OwnNews,
     /// Time of the next change of a light that nothing announces.
     next_light: Instant,
 }
@@ -109,11 +113,13 @@ impl Snapshot {
     pub fn of(bench: &Bench, mode: TimeMode, places: &Places, look: &Look) -> Self {
         let drive = look.drive.as_ref().and_then(|name| bench.find_drive(name));
         let layout = (look.shape != Some(bench.shape())).then(|| Layout::of(bench, places));
+        let outlets = layout.as_ref().map_or_else(|| Arc::clone(&look.outlets), Layout::outlets);
         let next_lights = bench.drives().map(|id| seen::next_light(bench, id));
         Self {
-            seen: Seen::of(bench, mode, drive, places),
+            seen: Seen::of(bench, mode, &outlets, drive, places),
             next_light: next_lights.min().unwrap_or(Instant::NEVER),
             news: bench.received_lately(look.received, MOST_FRAMES, drive),
+            own: bench.own_messages(look.own, MOST_FRAMES, drive),
             layout,
         }
     }
@@ -149,7 +155,7 @@ impl Viewer {
     #[must_use]
     pub fn new(drive: Option<String>) -> Self {
         Self {
-            look: Look { drive, shape: None, received: 0 },
+            look: Look { drive, shape: None, outlets: Arc::default(), received: 0, own: 0 },
             layout: Layout::default(),
             seen: None,
             cannot: BTreeMap::new(),
@@ -179,9 +185,9 @@ impl Viewer {
     /// Takes a snapshot. Returns what the reader does not have yet; `None` if nothing has changed, or only the time and
     /// less than [`LONGEST`] has passed since the last update.
     pub fn update(&mut self, snapshot: Snapshot, since_last: Duration) -> Option<Update> {
-        let Snapshot { layout, seen, news, next_light } = snapshot;
-        let (traffic, left_out) = frames::of(&news, layout.as_ref().unwrap_or(&self.layout));
-        self.look.received = news.last();
+        let Snapshot { layout, seen, news, own, next_light } = snapshot;
+        let (traffic, left_out) = frames::of(&news, &own, layout.as_ref().unwrap_or(&self.layout));
+        (self.look.received, self.look.own) = (news.last(), own.last());
         let old = self.seen.as_ref();
         let state = match layout {
             Some(layout) => {
@@ -189,7 +195,8 @@ impl Viewer {
                 let before =
                     old.map_or_else(|| Value::Object(serde_json::Map::new()), |old| whole(&self.layout, old));
                 let state = patch::merge_patch(&before, &whole(&layout, &seen));
-                (self.layout, self.look.shape) = (layout, Some(seen.shape));
+                (self.look.shape, self.look.outlets) = (Some(seen.shape), layout.outlets());
+                self.layout = layout;
                 state
             }
             None => old.and_then(|old| seen.changes_since(old, &self.layout, &self.cannot)),

@@ -1,11 +1,13 @@
 //! State of a bench as numbers, and its JSON.
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use drivetwin_firmware::device::{Axis, Fault, Instant, Level, Pin, Role, Spec};
 use drivetwin_sim::bench::{Bench, Bus, DriveId, Motion, Outlet, ShaftState, Wire, WireOutput};
 use drivetwin_sim::commands::State;
 use drivetwin_sim::config::time_mode::TimeMode;
+use drivetwin_sim::programs::{self, ProgramLine};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -60,6 +62,11 @@ impl Layout {
             motors: motors.collect(),
             wires: bench.wires().iter().map(|wire| WireNames::of(bench, wire)).collect(),
         }
+    }
+
+    /// All lines and TCP ports.
+    pub(super) fn outlets(&self) -> Arc<[Outlet]> {
+        self.outlets.iter().map(|names| names.outlet).collect()
     }
 
     pub(super) fn drive_name(&self, id: DriveId) -> Option<&str> {
@@ -174,20 +181,66 @@ pub(super) struct Seen {
     /// The drive whose details are wanted.
     wanted: Option<usize>,
     details: Option<Drive>,
+    program: Option<ProgramSeen>,
+}
+
+/// User program of a drive.
+#[derive(Clone, PartialEq, Debug)]
+struct ProgramSeen {
+    /// The memory with the program.
+    memory: Vec<u8>,
+    /// The line that is executed next, while the program runs.
+    running: Option<u16>,
+}
+
+impl ProgramSeen {
+    fn of(bench: &Bench, id: DriveId) -> Option<Self> {
+        let has_program = programs::runs_on(bench.spec(id)) && !bench.is_elsewhere(id);
+        has_program.then(|| Self { memory: bench.memory(id).to_vec(), running: bench.program_line(id) })
+    }
+
+    fn lines(&self, spec: &Spec) -> Value {
+        let lines = programs::listing(spec, &self.memory).unwrap_or_default();
+        lines.into_iter().map(|ProgramLine { at, text }| json!({"at": at, "text": text})).collect()
+    }
+
+    /// What has changed since `old`, as a merge patch; the whole program without `old`.
+    fn changes_since(&self, old: Option<&Self>, spec: &Spec) -> Option<Value> {
+        let mut patch = Map::new();
+        if old.is_none_or(|old| old.memory != self.memory) {
+            let lines = self.lines(spec);
+            if old.is_none_or(|old| old.lines(spec) != lines) {
+                patch.insert("lines".into(), lines);
+            }
+        }
+        let running = old.and_then(|old| old.running);
+        if self.running != running {
+            patch.insert("running".into(), self.running.map_or(Value::Null, Value::from));
+        }
+        (!patch.is_empty()).then_some(Value::Object(patch))
+    }
 }
 
 impl Seen {
-    pub(super) fn of(bench: &Bench, mode: TimeMode, wanted: Option<DriveId>, places: &Places) -> Self {
+    /// The present state of a bench with these lines and TCP ports.
+    pub(super) fn of(
+        bench: &Bench,
+        mode: TimeMode,
+        outlets: &[Outlet],
+        wanted: Option<DriveId>,
+        places: &Places,
+    ) -> Self {
         Self {
             shape: bench.shape(),
             mode,
             now: bench.now(),
             drives: bench.drives().map(|id| DriveSeen::of(bench, id)).collect(),
             motors: bench.motors().map(|motor| bench.turn(motor)).collect(),
-            buses: bench.outlets().into_iter().map(|outlet| BusState::of(bench, outlet)).collect(),
+            buses: outlets.iter().map(|&outlet| BusState::of(bench, outlet)).collect(),
             boards: BTreeMap::new(),
             wanted: wanted.map(DriveId::index),
             details: wanted.map(|id| Drive::of_bench(bench, id, places)),
+            program: wanted.and_then(|id| ProgramSeen::of(bench, id)),
         }
     }
 
@@ -235,6 +288,9 @@ impl Seen {
         });
         if let Some(details) = self.details() {
             state["drive"] = details;
+            if let Some(program) = self.program_changes(None, layout) {
+                state["drive"]["program"] = program;
+            }
         }
         without_nulls(state)
     }
@@ -276,6 +332,10 @@ impl Seen {
             let change =
                 if self.details.is_none() { Some(Value::Null) } else { merge_patch(&json(old), &json(self)) };
             add("drive", change);
+        }
+        if let Some(program) = self.program_changes(Some(old), layout) {
+            let drive = patch.entry("drive").or_insert_with(|| json!({}));
+            drive["program"] = program;
         }
         (!patch.is_empty()).then_some(Value::Object(patch))
     }
@@ -326,6 +386,12 @@ impl Seen {
         let OutletNames { name, drives, listen, .. } = names;
         let name_of = |id| layout.drive_name(id).unwrap_or_default();
         without(&schema::Bus::new(name, drives, listen, state, name_of), &["name"])
+    }
+
+    /// What has changed in the program of the wanted drive.
+    fn program_changes(&self, old: Option<&Self>, layout: &Layout) -> Option<Value> {
+        let (_, spec) = layout.drives.get(self.wanted?)?;
+        self.program.as_ref()?.changes_since(old.and_then(|old| old.program.as_ref()), spec)
     }
 
     fn details(&self) -> Option<Value> {

@@ -8,6 +8,7 @@ use drivetwin_protocol::time::Span as _;
 use drivetwin_sim::bench::{Closed, MotorModel, PinStimulus, PowerAction, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::line::faults::{FaultRule, LineFaults};
+use drivetwin_sim::rsasm;
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -288,4 +289,99 @@ proptest! {
             }
         }
     }
+}
+
+/// IntervalRate 1 is 512 records a second (4.3), stream of ReadEncoder (4.1).
+#[test]
+fn what_a_drive_sends_by_itself_is_traffic() {
+    let mut bench = Bench::new();
+    let q = add(&mut bench, "q", "qsb-d");
+    bench.run_until(100.millis());
+    let mut reader = Reader::new(Some("q"));
+    bench.ask(q, b"W0C1\r");
+    bench.ask(q, b"S0E\r");
+    reader.look(&bench);
+    bench.run_until(bench.now() + 100.millis());
+    let update = reader.look(&bench).expect("a stream");
+    // 100 ms at 512 Hz, each record after the second interval.
+    assert!((24..=52).contains(&update.traffic.len()), "{}", update.traffic.len());
+    for frame in &update.traffic {
+        assert_eq!((frame.text.as_str(), frame.sent, frame.number), ("ReadEncoder = 0", true, None));
+        assert_eq!((frame.verdict, frame.port, frame.drive.as_deref()), ("done", "usb", Some("q")));
+    }
+    assert!(update.traffic.is_sorted_by(|a, b| a.at < b.at));
+    bench.run_until(bench.now() + 1.secs());
+    let update = reader.look(&bench).expect("a stream");
+    assert_eq!(update.traffic.len(), MOST_FRAMES);
+    // A command and its answer are one message to the drive, and no message of its own.
+    let mut all = Reader::new(None);
+    all.look(&bench);
+    bench.ask(q, b"S00\r");
+    let update = all.look(&bench).expect("traffic");
+    let asked: Vec<_> =
+        update.traffic.iter().filter(|frame| !frame.sent).map(|frame| frame.text.as_str()).collect();
+    assert_eq!(asked, ["stream Mode"]);
+}
+
+#[test]
+fn an_mdrive_has_its_program_and_what_it_prints() {
+    let mut bench = Bench::new();
+    let m = add(&mut bench, "m", "mdrive");
+    bench.run_until(3.secs());
+    let mut reader = Reader::new(Some("m"));
+    reader.look(&bench);
+    assert_eq!(reader.state["drive"]["program"], json!({"lines": []}));
+    let client = bench.connect_to(m, Port(1)).expect("a connection");
+    for line in ["PG 100", "LB G1", "PR \"HI\"", "H 100", "BR G1", "E", "PG"] {
+        bench.send(client, format!("{line}\r").as_bytes());
+        bench.run_until_idle();
+    }
+    reader.look(&bench);
+    let lines = &reader.state["drive"]["program"]["lines"];
+    assert_eq!(lines[0], json!({"at": 100, "text": "LB G1"}));
+    assert_eq!(lines[1]["text"], "PR \"HI\"");
+    assert!(reader.state["drive"]["program"].get("running").is_none());
+    bench.send(client, b"EX 100\r");
+    bench.run_until(bench.now() + 250.millis());
+    let update = reader.look(&bench).expect("a program that runs");
+    let at: Vec<_> = lines_at(&reader.state);
+    assert!(
+        at.contains(&reader.state["drive"]["program"]["running"]),
+        "{}",
+        reader.state["drive"]["program"]
+    );
+    let own: Vec<_> =
+        update.traffic.iter().filter(|frame| frame.sent).map(|frame| frame.text.as_str()).collect();
+    assert_eq!(own, ["HI"; 3]);
+    bench.power(m, PowerAction::Off);
+    bench.run_until(bench.now() + 1.millis());
+    reader.look(&bench);
+    assert!(reader.state["drive"]["program"].get("running").is_none());
+}
+
+/// The numbers of the lines of the program.
+fn lines_at(state: &Value) -> Vec<Value> {
+    let lines = state["drive"]["program"]["lines"].as_array().into_iter().flatten();
+    lines.map(|line| line["at"].clone()).collect()
+}
+
+#[test]
+fn an_rs_drive_has_its_program_and_the_line_that_is_next() {
+    let program = rsasm::assemble("again: delay 500\n delay 20\n jmp again").expect("a program");
+    let setup =
+        Setup { boot_fast: true, memory: Some(rsasm::Image::of(&program).memory()), ..Setup::default() };
+    let mut bench = Bench::new();
+    let r = bench.add_with("r", catalog::make("rs434546").expect("a kind"), setup).expect("a drive");
+    bench.run_until(3.secs());
+    let mut reader = Reader::new(Some("r"));
+    reader.look(&bench);
+    let lines = json!([{"at": 0, "text": "line_0: delay 500"}, {"at": 1, "text": "delay 20"}, {"at": 2, "text": "jmp line_0"}]);
+    assert_eq!(reader.state["drive"]["program"], json!({"lines": lines}));
+    let spec = bench.spec(r);
+    let row = spec.find("MODE_USER_PROGRAM").expect("a register").row;
+    bench.poke(r, row, 2).expect("a start");
+    bench.run_until(bench.now() + 10.millis());
+    reader.look(&bench);
+    let pc = bench.value(r, spec.find("PC_REG").expect("a register").row);
+    assert_eq!(reader.state["drive"]["program"]["running"], serde_json::to_value(pc).expect("JSON"));
 }

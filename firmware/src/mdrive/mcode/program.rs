@@ -115,6 +115,14 @@ fn sum_of(address: u16, line: &[u8]) -> u16 {
     record.last_chunk().copied().map_or(0, u16::from_be_bytes)
 }
 
+/// The lines of the program in the content of a drive's memory, in the order of their addresses; none if the memory is
+/// bad.
+pub fn lines(memory: &[u8]) -> impl Iterator<Item = (u16, &[u8])> {
+    let mut program = Program::new();
+    program.load(memory);
+    (1..ADDRESSES as u16).filter_map(move |address| Some((address, program.line(memory, address)?)))
+}
+
 /// Positions of the lines in the log.
 #[derive(Clone, Debug)]
 pub(in crate::mdrive) struct Program {

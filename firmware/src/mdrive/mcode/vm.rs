@@ -114,6 +114,11 @@ impl Vm {
         self.phase != Phase::Idle
     }
 
+    /// Address of the line that is executed next, if a program runs or is paused.
+    pub(in crate::mdrive) fn next_line(&self) -> Option<u16> {
+        self.is_running().then_some(self.address)
+    }
+
     /// Returns true if PS has paused program and motion.
     pub(in crate::mdrive) fn is_paused(&self) -> bool {
         self.paused.is_some()

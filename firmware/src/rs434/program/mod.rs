@@ -38,6 +38,17 @@ pub fn image(lines: impl IntoIterator<Item = u32>) -> [u8; BYTES + 2] {
     image
 }
 
+/// The lines of the program in the content of a drive's memory, up to the last line that is not 0; none if the memory is
+/// erased or bad.
+pub fn lines(memory: &[u8]) -> impl Iterator<Item = u32> {
+    let image = memory.get(SETTINGS..).and_then(|image| image.split_last_chunk::<2>());
+    let bytes =
+        image.filter(|(bytes, sum)| crc(bytes).to_be_bytes() == **sum).map_or(&[][..], |(bytes, _)| bytes);
+    let lines = bytes.as_chunks().0;
+    let used = lines.iter().rposition(|line| *line != [0; 4]).map_or(0, |last| last + 1);
+    lines.iter().take(used).copied().map(u32::from_le_bytes)
+}
+
 /// State of the program, as read in STATUS_USER_PROGRAM (6.3).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 #[repr(u16)]
@@ -107,6 +118,11 @@ impl Program {
     /// Returns true if lines are executed now or will be.
     pub(super) fn is_running(&self) -> bool {
         matches!(self.status, Status::StartedByBus | Status::StartedByPower | Status::Running)
+    }
+
+    /// Number of the line that is executed next, if lines are executed.
+    pub(super) fn next_line(&self) -> Option<u16> {
+        self.is_running().then_some(self.vm.line)
     }
 
     /// Starts at line 0. `status` is one of the two started states. Fails at once if the flash is bad. Does
