@@ -64,6 +64,7 @@ impl Bench {
     /// The line in the text, and what is wrong there.
     pub fn from_toml(text: &str) -> Result<Self, Error> {
         let layout = bench_file::parse(text).map_err(|error| Error::from(error.to_string()))?;
+        layout.check_emulated()?;
         let Settings { trace, capture, shafts, outcomes, .. } = settings();
         let built =
             layout.build(Settings { trace, capture, shafts, outcomes, ..layout.settings() }, Vec::new())?;
@@ -114,6 +115,7 @@ impl Bench {
             program: None,
             fast_boot: !registers.is_empty(),
             faults: Vec::new(),
+            board: None,
         };
         let id = layout.add_to(&mut self.sim(), Setup::default())?;
         Ok(Drive::new(self.shared.clone(), id))

@@ -68,11 +68,17 @@ impl From<ParseError> for Unplayable {
 }
 
 /// Replays a trace and returns the first difference; `None` if all outputs are the same. `make` makes a drive
-/// of a kind. Each drive runs on its own bench, with its recorded inputs. [`Trace`] has an example.
+/// of a kind. Each drive runs on its own bench, with its recorded inputs. Drives on boards are left out. [`Trace`] has an
+/// example.
 ///
 /// # Errors
-/// The trace cannot be replayed: it is not valid, its beginning is missing, or a drive cannot be added.
+/// The trace cannot be replayed: it is not valid, its beginning is missing, all its drives are on boards, or a drive cannot
+/// be added.
 pub fn run(trace: &Trace, make: &Make<'_>) -> Result<Option<Difference>, Unplayable> {
+    if !trace.drives.is_empty() && trace.drives.iter().all(|drive| drive.elsewhere) {
+        let what = "the drives of this trace are on boards, which a replay cannot repeat";
+        return Err(Unplayable::Drive(what.to_owned()));
+    }
     Ok(difference(trace, &play(trace, make, false)?))
 }
 
@@ -148,7 +154,8 @@ fn add_drive(bench: &mut Bench, drive: &TraceDrive, make: &Make<'_>) -> Result<D
 /// The first difference between the outputs of a trace and those of its replayed drives, each on its own bench.
 fn difference(expected: &Trace, got: &[Bench]) -> Option<Difference> {
     let until = last_stamp(expected);
-    let differences = got.iter().enumerate().filter_map(|(place, got)| {
+    let here = got.iter().enumerate().filter(|(place, _)| !is_elsewhere(expected, *place));
+    let differences = here.filter_map(|(place, got)| {
         let got = got.trace();
         let wanted = outputs(expected, place, expected, until);
         let made = outputs(got, 0, expected, until);
@@ -172,6 +179,11 @@ fn difference(expected: &Trace, got: &[Bench]) -> Option<Difference> {
             })
     });
     differences.min_by_key(|(at, _)| *at).map(|(_, difference)| difference)
+}
+
+/// Returns true if the drive with that index is on a board.
+fn is_elsewhere(trace: &Trace, drive: usize) -> bool {
+    trace.drives.get(drive).is_some_and(|drive| drive.elsewhere)
 }
 
 /// An entry of a bench with one drive, as an entry of the drive with that index.
@@ -204,7 +216,8 @@ fn outputs<'a>(
     outputs
 }
 
-/// Replays a trace and returns its text with the new outputs. Header, comments and inputs stay unchanged. The replay
+/// Replays a trace and returns its text with the new outputs. Header, comments and inputs stay unchanged, and so do the
+/// outputs of drives on boards. The replay
 /// runs until the last time in the old text. The `end` line of the trace should give this time.
 ///
 /// # Errors
@@ -213,7 +226,8 @@ pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
     let trace = Trace::parse(text, make)?;
     let until = last_stamp(&trace);
     let mut outputs: Vec<(Instant, String)> = Vec::new();
-    for (place, bench) in play(&trace, make, false)?.iter().enumerate() {
+    let benches = play(&trace, make, false)?;
+    for (place, bench) in benches.iter().enumerate().filter(|(place, _)| !is_elsewhere(&trace, *place)) {
         let text = |entry| trace.entry_text(&of_drive(entry, place));
         let made = self::outputs(bench.trace(), 0, &trace, until);
         outputs.extend(made.iter().map(|(entry, _)| (entry.at, text(entry))));
@@ -247,7 +261,9 @@ pub fn rewrite(text: &str, make: &Make<'_>) -> Result<String, Unplayable> {
             put(&output);
         }
         comments.drain(..).for_each(&mut put);
-        if !entry.is_some_and(|entry| matches!(entry.event, Event::Output(_))) {
+        let is_new =
+            |entry: &Entry| matches!(entry.event, Event::Output(_)) && !is_elsewhere(&trace, entry.drive);
+        if !entry.is_some_and(is_new) {
             put(line);
         }
     }

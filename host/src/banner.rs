@@ -218,8 +218,11 @@ impl Banner {
         if !commands.is_empty() {
             let _ = writeln!(text, "Try:\n  {}", commands.join("\n  "));
         }
-        let is_on_board = self.drives.iter().any(|drive| !drive.board.is_empty());
-        text.push_str(if is_on_board { "Ctrl-C ends it; the board goes on.\n" } else { "Ctrl-C ends it.\n" });
+        text.push_str(match self.drives.iter().filter(|drive| !drive.board.is_empty()).count() {
+            0 => "Ctrl-C ends it.\n",
+            1 => "Ctrl-C ends it; the board goes on.\n",
+            _ => "Ctrl-C ends it; the boards go on.\n",
+        });
         text
     }
 

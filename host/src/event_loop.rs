@@ -244,6 +244,11 @@ impl EventLoop {
         (self.clock, self.follows_board) = (None, true);
     }
 
+    /// Returns true if the clock is that of a board.
+    pub(crate) fn follows_board(&self) -> bool {
+        self.follows_board
+    }
+
     /// Replaces the bench, because a board is a drive of another kind now. The files end with the old bench.
     pub(crate) fn replace_bench(&mut self, bench: Bench) {
         let old = std::mem::replace(&mut self.bench, bench);
@@ -282,6 +287,11 @@ impl EventLoop {
             TimeMode::Manual => None,
         };
         self.begin_idle_run();
+    }
+
+    /// Bench time at a wall time.
+    pub(crate) fn bench_time(&self, wall: WallInstant) -> Instant {
+        self.clock.as_ref().map_or(self.bench.now(), |clock| clock.at(wall))
     }
 
     /// Runs the bench until `until`, then notifies `done`. If the caller leaves before that, the run stops.
@@ -339,6 +349,12 @@ impl EventLoop {
         self.bench.report_time(at);
     }
 
+    /// Completes recordings that wait for reports of boards, at the present time.
+    pub(crate) fn complete_recordings(&mut self) {
+        self.catch_up();
+        self.bench.complete_recordings();
+    }
+
     /// Completes the files at the present time of the bench. Returns a sentence for each file that is not
     /// complete.
     pub(crate) fn end_files(&mut self) -> Vec<String> {
@@ -363,7 +379,9 @@ impl EventLoop {
         if self.inbox.grown.receiver_count() > 0 {
             let by_hand = if self.clock.is_none() { self.bench.now().ticks() } else { 0 };
             let mark = self.bench.trace().mark() + self.bench.received_count() + self.jobs;
-            let mark = mark.wrapping_add(by_hand);
+            let is_waiting = self.bench.records_at() < Instant::NEVER;
+            let recorded = if is_waiting { self.bench.recorded_until().ticks() } else { 0 };
+            let mark = mark.wrapping_add(by_hand).wrapping_add(recorded);
             self.inbox.grown.send_if_modified(|seen| std::mem::replace(seen, mark) != mark);
         }
     }
@@ -469,7 +487,8 @@ impl EventLoop {
 
     /// Wall time of the next work that needs no input; `None` for never, as in manual time.
     fn due(&self) -> Option<WallInstant> {
-        self.clock.as_ref()?.when(self.next().min(self.ports.deadline()))
+        let next = self.next().min(self.ports.deadline()).min(self.bench.records_at());
+        self.clock.as_ref()?.when(next)
     }
 
     /// Runs the bench up to the present time, but no longer than [`BUDGET`].

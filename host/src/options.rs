@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::str::FromStr;
 
+pub use drivetwin_sim::config::board_place::BoardPlace;
 use drivetwin_sim::config::listen::{Listen, Uri, is_host_and_port};
 use drivetwin_sim::config::preset::Number;
 use drivetwin_sim::config::time_mode::TimeMode;
@@ -70,36 +71,6 @@ pub struct AttachOptions {
     pub recorded: bool,
 }
 
-/// Place of a board, as users write it.
-#[derive(Clone, PartialEq, Eq, Debug, Default)]
-pub enum BoardPlace {
-    /// The only board that is plugged in.
-    #[default]
-    Only,
-    /// `usb:SERIAL`: the USB serial number.
-    Usb(String),
-    /// Path of the serial port for control.
-    Port(PathBuf),
-    /// `tcp:HOST:PORT`: the control port behind a server of serial ports, or of an emulator.
-    Tcp(String),
-}
-
-impl FromStr for BoardPlace {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || "it takes the path of a serial port, usb:SERIAL or tcp:HOST:PORT".to_owned();
-        match text.split_once(':') {
-            Some(("usb", serial)) if !serial.is_empty() => Ok(Self::Usb(serial.into())),
-            Some(("tcp", address)) if is_host_and_port(address) => Ok(Self::Tcp(address.into())),
-            Some(("serial", path)) if !path.is_empty() => Ok(Self::Port(path.into())),
-            Some(("usb" | "tcp" | "serial", _)) => Err(wrong()),
-            _ if text.is_empty() => Err(wrong()),
-            _ => Ok(Self::Port(text.into())),
-        }
-    }
-}
-
 /// Listening address of the control API, as users write it.
 #[derive(Clone, PartialEq, Eq, Debug, Default)]
 pub enum Control {
@@ -143,18 +114,6 @@ impl FromStr for Assignment {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn places_of_boards() {
-        let place = |text: &str| text.parse::<BoardPlace>();
-        assert_eq!(place("/dev/ttyACM1"), Ok(BoardPlace::Port("/dev/ttyACM1".into())));
-        assert_eq!(place("serial:/dev/ttyACM1"), Ok(BoardPlace::Port("/dev/ttyACM1".into())));
-        assert_eq!(place("usb:E661"), Ok(BoardPlace::Usb("E661".into())));
-        assert_eq!(place("tcp:localhost:5000"), Ok(BoardPlace::Tcp("localhost:5000".into())));
-        for wrong in ["", "usb:", "tcp:", "tcp:5000", "serial:"] {
-            assert!(place(wrong).is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn assignments() {

@@ -272,15 +272,17 @@ impl Bench {
         }
     }
 
-    /// Adds a board, whose drive is on the bench already. `now` is its power and its time; `None` if it cannot be reached.
-    pub fn add(&mut self, board: BoardView, now: Option<(bool, Instant)>) {
+    /// Adds a board, whose drive is on the bench already, and has power or not.
+    pub fn add(&mut self, board: BoardView, powered: bool) {
         if let Some(seat) = self.drives.iter_mut().find(|seat| seat.name == board.drive) {
-            seat.powered = now.is_some_and(|(powered, _)| powered);
-        }
-        if let Some((_, at)) = now {
-            self.time.seconds = self.time.seconds.max(seconds(at));
+            seat.powered = powered;
         }
         self.boards.push(board);
+    }
+
+    /// Sets the time to that of the board whose clock the bench has, if that is later.
+    pub fn reach(&mut self, at: Instant) {
+        self.time.seconds = self.time.seconds.max(seconds(at));
     }
 }
 

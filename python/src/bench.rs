@@ -213,7 +213,7 @@ impl Bench {
         let mode: TimeMode =
             mode.parse().map_err(|sentence| Error::new_err(format!("time: {sentence}, not '{mode}'")))?;
         if mode != TimeMode::Times(1) {
-            self.shared.refuse_on_board(reasons::NO_TIME)?;
+            self.shared.refuse_with_boards(reasons::NO_TIME)?;
         }
         if self.shared.server().is_none() && mode != TimeMode::Manual {
             return Err(Error::new_err(
@@ -315,7 +315,7 @@ impl Bench {
     /// Lets that many seconds of bench time pass, at once. Other threads run meanwhile, and Ctrl-C interrupts.
     fn advance(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         let span = span("advance", seconds)?;
-        self.shared.refuse_on_board(reasons::NO_TIME)?;
+        self.shared.refuse_with_boards(reasons::NO_TIME)?;
         let until = self.shared.with(py, |open| open.bench.now() + span)?;
         self.shared.run(py, until)
     }
@@ -329,7 +329,7 @@ impl Bench {
     /// Lets bench time pass until `seconds`, at once, as `advance` does. Time does not go back.
     fn run_until(&self, py: Python<'_>, seconds: f64) -> PyResult<()> {
         let until = Instant::ZERO + span("run_until", seconds)?;
-        self.shared.refuse_on_board(reasons::NO_TIME)?;
+        self.shared.refuse_with_boards(reasons::NO_TIME)?;
         let now = self.shared.with(py, |open| open.bench.now())?;
         if until < now {
             let now = crate::shared::seconds(now);
@@ -341,8 +341,11 @@ impl Bench {
     /// The line or TCP port with that name: the name of a bus of a bench file, or "DRIVE.PORT".
     fn line(&self, py: Python<'_>, name: &str) -> PyResult<Line> {
         let found = self.shared.with(py, |open| commands::outlet(open.bench, name))?;
-        self.shared.refuse_on_board(reasons::NO_LINE_FAULTS)?;
-        Ok(Line::new(Arc::clone(&self.shared), found.map_err(refused)?))
+        let outlet = found.map_err(refused)?;
+        for drive in self.shared.with(py, |open| open.bench.drives_at(outlet))? {
+            self.shared.refuse_on_board_of(drive, reasons::NO_LINE_FAULTS)?;
+        }
+        Ok(Line::new(Arc::clone(&self.shared), outlet))
     }
 
     /// Connects the serial ports of several drives to one line: a table `[[bus]]` of a bench file.

@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
 
 use drivetwin_firmware::device::{Instant, Port as PortNumber, Spec};
-use drivetwin_host::reasons;
+use drivetwin_host::{OnBoard, reasons};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{DriveId, PowerAction};
 use drivetwin_sim::{commands, suggest};
@@ -87,6 +87,12 @@ impl Drive {
         Bench { shared: Arc::clone(&self.shared) }
     }
 
+    /// Place of the board that the drive is on, for instance "/dev/ttyACM1 (usb:E661)"; None if it is emulated here.
+    #[getter]
+    fn board(&self) -> Option<String> {
+        self.shared.board_of(self.id).map(OnBoard::place)
+    }
+
     /// Kind of the drive, for instance "md3".
     #[getter]
     fn kind(&self) -> &'static str {
@@ -113,7 +119,10 @@ impl Drive {
     fn uri(&self, port: Option<&str>) -> PyResult<String> {
         let name = self.port_name(port)?;
         self.uris(port)?.into_iter().next().ok_or_else(|| {
-            let how = match self.shared.board() {
+            let how = match self.shared.board_of(self.id) {
+                Some(_) if self.shared.board().is_none() => {
+                    "bus = \"...\" in its [[drive]] takes serial:DEVICE, tcp:HOST:PORT or rfc2217:HOST:PORT"
+                }
                 Some(_) => {
                     "drivetwin.attach takes bus='serial:DEVICE', 'tcp:HOST:PORT' or 'rfc2217:HOST:PORT'"
                 }
@@ -131,7 +140,7 @@ impl Drive {
             // The port of a board is one, too, for a master.
             let path =
                 |uri: &String| uri.strip_prefix("pty:").or(uri.strip_prefix("serial:")).map(str::to_owned);
-            let is_port = |uri: &&String| uri.starts_with("pty:") || self.shared.board().is_some();
+            let is_port = |uri: &&String| uri.starts_with("pty:") || self.shared.board_of(self.id).is_some();
             if let Some(path) = uris.iter().filter(is_port).find_map(path) {
                 return Ok(path);
             }
@@ -152,7 +161,7 @@ impl Drive {
         port: Option<&str>,
     ) -> PyResult<Bound<'py, PyBytes>> {
         let port = self.find_port(port)?;
-        if let Some(board) = self.shared.board() {
+        if let Some(board) = self.shared.board_of(self.id) {
             let line = py.detach(|| board.drive()?.line()).map_err(refused)?;
             let master = py.import("drivetwin._board")?;
             let reply = master.call_method1("ask", (self.uri(None)?, line, PyBytes::new(py, &frame)))?;
@@ -286,7 +295,7 @@ impl Drive {
     #[pyo3(signature = (port = None))]
     fn line(&self, py: Python<'_>, port: Option<&str>) -> PyResult<Line> {
         let port = self.find_port(port)?;
-        self.shared.refuse_on_board(reasons::NO_LINE_FAULTS)?;
+        self.shared.refuse_on_board_of(self.id, reasons::NO_LINE_FAULTS)?;
         let outlet = self.shared.with(py, |open| open.bench.outlet(self.id, port))?;
         Ok(Line::new(Arc::clone(&self.shared), outlet))
     }
@@ -306,7 +315,7 @@ impl Drive {
         let function = function.map(|function| whole("function", function)).transpose()?;
         let register =
             register.map(|name| commands::register(self.spec, name)).transpose().map_err(refused)?;
-        self.shared.refuse_on_board(reasons::NO_JOURNAL)?;
+        self.shared.refuse_on_board_of(self.id, reasons::NO_JOURNAL)?;
         let mut received = self.shared.with(py, |open| open.bench.received(self.id))?.since(since);
         if let Some(function) = function {
             received = received.of_function(function);
@@ -321,7 +330,7 @@ impl Drive {
     fn wrote_before(&self, py: Python<'_>, first: &str, then: &str) -> PyResult<bool> {
         let find = |name| commands::register(self.spec, name).map_err(refused);
         let (first, then) = (find(first)?, find(then)?);
-        self.shared.refuse_on_board(reasons::NO_JOURNAL)?;
+        self.shared.refuse_on_board_of(self.id, reasons::NO_JOURNAL)?;
         Ok(self.shared.with(py, |open| open.bench.received(self.id))?.wrote_before(first, then))
     }
 
@@ -331,7 +340,7 @@ impl Drive {
     #[pyo3(signature = (port = None))]
     fn statistics<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyDict>> {
         let port = self.find_port(port)?;
-        self.shared.refuse_on_board(reasons::NO_JOURNAL)?;
+        self.shared.refuse_on_board_of(self.id, reasons::NO_JOURNAL)?;
         let (line, starting) = self.shared.with(py, |open| {
             let outlet = open.bench.outlet(self.id, port);
             (open.bench.request_statistics(outlet), open.bench.starting_requests(self.id))
@@ -349,7 +358,7 @@ impl Drive {
     /// Opens a port as a stream on virtual time.
     fn port(&self, py: Python<'_>, name: &str) -> PyResult<Port> {
         let port = self.find_port(Some(name))?;
-        self.shared.refuse_on_board(reasons::NO_STREAM)?;
+        self.shared.refuse_on_board_of(self.id, reasons::NO_STREAM)?;
         let (client, bus) = self.shared.with(py, |open| {
             (open.streams.connect(open.bench, self.id, port), open.bench.bus(self.id, port))
         })?;
@@ -363,7 +372,7 @@ impl Drive {
     #[pyo3(signature = (port = None))]
     fn url<'py>(&self, py: Python<'py>, port: Option<&str>) -> PyResult<Bound<'py, PyAny>> {
         let name = self.port_name(port)?;
-        if self.shared.board().is_some() {
+        if self.shared.board_of(self.id).is_some() {
             return py.import("drivetwin._board")?.call_method1("url", (self.uri(port)?,));
         }
         let handler = py.import("drivetwin.urlhandler")?;

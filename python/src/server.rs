@@ -1,6 +1,6 @@
 //! A bench with ports and control API, in a thread of this process.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::ffi::OsString;
 use std::io::Write as _;
 use std::os::unix::net::UnixStream;
@@ -10,6 +10,7 @@ use std::thread::JoinHandle;
 use drivetwin_firmware::device::Port;
 use drivetwin_host::options::{AttachOptions, RunOptions};
 use drivetwin_host::{Configuration, Lender, OnBoard, Running};
+use drivetwin_sim::bench::DriveId;
 use pyo3::prelude::*;
 
 use crate::errors::{Error, wrong};
@@ -20,10 +21,15 @@ pub(crate) struct Server {
     control: Option<String>,
     /// URIs of each drive and port.
     uris: Uris,
-    /// The board; `None` if the drives are emulated here.
-    board: Option<OnBoard>,
+    /// The boards, by their drives on the bench.
+    boards: Boards,
+    /// True if the bench is a board alone, whose clock it has.
+    is_attached: bool,
     run: Arc<Slot>,
 }
+
+/// Boards, by their drives on the bench.
+type Boards = BTreeMap<DriveId, OnBoard>;
 
 /// Place of a run, and the process that has its thread.
 struct Slot {
@@ -93,18 +99,18 @@ struct Begun {
     lender: Lender,
     control: Option<String>,
     uris: Uris,
-    board: Option<OnBoard>,
+    boards: Boards,
 }
 
 impl Server {
     /// Starts a run with these arguments of the command line.
     pub(crate) fn start(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
-        Self::serve(py, move || begin(arguments))
+        Self::serve(py, false, move || begin(arguments))
     }
 
     /// Attaches a board with these arguments of the command line.
     pub(crate) fn attach(py: Python<'_>, arguments: Vec<OsString>) -> PyResult<Self> {
-        Self::serve(py, move || {
+        Self::serve(py, true, move || {
             let options = AttachOptions { recorded: true, ..drivetwin_cli::attach_options(arguments)? };
             drivetwin_host::attach(options)
         })
@@ -113,6 +119,7 @@ impl Server {
     /// Serves what `begin` begins, in a thread.
     fn serve(
         py: Python<'_>,
+        is_attached: bool,
         begin: impl FnOnce() -> Result<Running, String> + Send + 'static,
     ) -> PyResult<Self> {
         let (stopped, stop) = UnixStream::pair()?;
@@ -121,8 +128,8 @@ impl Server {
         let run = move || match begin() {
             Ok(running) => {
                 let (lender, control, uris) = (running.lender(), running.control(), uris(&running));
-                let board = running.drives().find_map(|(name, _)| running.board(name));
-                let _ = to_caller.send(Ok(Begun { lender, control, uris, board }));
+                let boards = running.boards().collect();
+                let _ = to_caller.send(Ok(Begun { lender, control, uris, boards }));
                 running.serve(&stopped)
             }
             Err(sentence) => {
@@ -132,13 +139,13 @@ impl Server {
         };
         let thread = std::thread::Builder::new().name("drivetwin".into()).spawn(run)?;
         let begun = py.detach(move || begun.recv()).map_err(|_| panicked())?;
-        let Begun { lender, control, uris, board } = begun.map_err(|sentence| wrong(&sentence))?;
+        let Begun { lender, control, uris, boards } = begun.map_err(|sentence| wrong(&sentence))?;
         let run = Mutex::new(Some(Run { thread, lender, stop }));
         let run = Arc::new(Slot { run, process: std::process::id() });
         let mut runs = RUNS.lock().unwrap_or_else(PoisonError::into_inner);
         runs.retain(|run| run.strong_count() > 0);
         runs.push(Arc::downgrade(&run));
-        Ok(Self { control, uris, board, run })
+        Ok(Self { control, uris, boards, is_attached, run })
     }
 
     /// Lends the bench of the run; `None` if the run is ended.
@@ -147,9 +154,19 @@ impl Server {
         run.as_ref().map(|run| run.lender.clone())
     }
 
-    /// The board; `None` if the drives are emulated here.
+    /// The board that is the whole bench; `None` if the bench has its own clock.
     pub(crate) fn board(&self) -> Option<&OnBoard> {
-        self.board.as_ref()
+        self.boards.values().next().filter(|_| self.is_attached)
+    }
+
+    /// The board of a drive; `None` if the drive is emulated here.
+    pub(crate) fn board_of(&self, drive: DriveId) -> Option<&OnBoard> {
+        self.boards.get(&drive)
+    }
+
+    /// Returns true if a drive is on a board.
+    pub(crate) fn has_boards(&self) -> bool {
+        !self.boards.is_empty()
     }
 
     /// URL of the control API; `None` if it is off.

@@ -123,14 +123,30 @@ impl Shared {
         }
     }
 
-    /// The board of the run; `None` if the drives are emulated here.
+    /// The board that is the whole bench; `None` if the bench has its own clock.
     pub(crate) fn board(&self) -> Option<&OnBoard> {
         self.server().and_then(Server::board)
     }
 
-    /// Refuses what a board cannot do.
+    /// The board of a drive; `None` if the drive is emulated here.
+    pub(crate) fn board_of(&self, drive: DriveId) -> Option<&OnBoard> {
+        self.server().and_then(|server| server.board_of(drive))
+    }
+
+    /// Refuses what a bench cannot do that is a board alone.
     pub(crate) fn refuse_on_board(&self, reason: &'static str) -> PyResult<()> {
         if self.board().is_some() { Err(NotOnBoard::new_err(reason)) } else { Ok(()) }
+    }
+
+    /// Refuses what the board of a drive cannot do.
+    pub(crate) fn refuse_on_board_of(&self, drive: DriveId, reason: &'static str) -> PyResult<()> {
+        if self.board_of(drive).is_some() { Err(NotOnBoard::new_err(reason)) } else { Ok(()) }
+    }
+
+    /// Refuses what a bench with a board cannot do.
+    pub(crate) fn refuse_with_boards(&self, reason: &'static str) -> PyResult<()> {
+        let has_boards = self.server().is_some_and(Server::has_boards);
+        if has_boards { Err(NotOnBoard::new_err(reason)) } else { Ok(()) }
     }
 
     /// Acts on a drive of the bench, or on the board.
@@ -140,7 +156,7 @@ impl Shared {
         id: DriveId,
         act: impl FnOnce(&mut dyn Drive) -> Result<T, Refusal> + Send,
     ) -> PyResult<T> {
-        let done = match self.board() {
+        let done = match self.board_of(id) {
             None => self.with(py, |open| act(&mut OnBench::new(open.bench, id)))?,
             Some(board) => {
                 self.check_process()?;
@@ -155,9 +171,14 @@ impl Shared {
 
     /// Waits until the recording has what a board has done until now.
     pub(crate) fn catch_up(&self, py: Python<'_>) -> PyResult<()> {
-        let Some(board) = self.board() else { return Ok(()) };
-        let at = py.detach(|| board.drive()?.now()).map_err(refused)?;
-        self.poll(py, |open| (open.bench.now() >= at).then_some(()))
+        if !self.server().is_some_and(Server::has_boards) {
+            return Ok(());
+        }
+        let at = match self.board() {
+            Some(board) => py.detach(|| board.drive()?.now()).map_err(refused)?,
+            None => self.with(py, |open| open.bench.now())?,
+        };
+        self.poll(py, |open| (open.bench.recorded_until() >= at).then_some(()))
     }
 
     /// Like [`with`](Self::with), while other threads of Python run: for what takes long.

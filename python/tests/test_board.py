@@ -230,3 +230,96 @@ def test_another_kind_is_skipped_with_its_reason(virtual, pytester):
     result = pytester.runpytest_subprocess("--drivetwin-board", board.control, "-rs")
     result.assert_outcomes(skipped=1)
     result.stdout.fnmatch_lines(["*the image of this board is one kind only, md3*"])
+
+
+@pytest.fixture
+def rig_file(virtual, tmp_path):
+    """A bench file with two boards and two emulated drives, with the boards."""
+    boards = {"a": virtual("md3"), "b": virtual("qsb-d")}
+    text = ["[[drive]]\nname = 'x'\nkind = 'md3'\nfast_boot = true", "[[drive]]\nname = 'q'\nkind = 'qsb-m'"]
+    text += [
+        f"[[drive]]\nname = '{name}'\nboard = '{board.control}'\nbus = '{board.bus}'" for name, board in boards.items()
+    ]
+    text.append("[[wire]]\nfrom = 'x.J3.7'\nto = 'q.DIO1'")
+    file = tmp_path / "rig.toml"
+    file.write_text("\n".join([*text, ""]))
+    return file, boards
+
+
+def test_a_rack_of_boards_and_emulated_drives(rig_file):
+    file, boards = rig_file
+    with drivetwin.run(file, control=False) as rack:
+        assert [(name, rack[name].kind) for name in sorted(rack)] == [("a", "md3"), ("b", "qsb-d"), ("q", "qsb-m"), ("x", "md3")]
+        assert (rack.board, rack["x"].board, rack["a"].board) == (None, None, boards["a"].control)
+        for name in "ax":
+            drive = rack[name]
+            # The pulses of a board are known from its next power-on.
+            drive.power("cycle")
+            drive.registers["Speed"] = 8_000
+            drive.pins["J2.9"] = "low"
+            assert (drive.registers["Speed"], drive.pins["J2.9"]) == (8_000, "low")
+            # Function 6 writes MotionControl (0x11): Move, 10,000 steps.
+            assert drive.ask(write(1, 0x11, 1)) == write(1, 0x11, 1)
+        rack.wait(3)
+        for name in "ax":
+            assert (rack[name].motion.position, len(rack[name].pulses())) == (10_000, 10_000)
+        assert rack["x"].received()[0].verdict == "done"
+        assert rack["a"].uri() == boards["a"].bus
+        # One recording has all drives, in the order of time.
+        lines = [line for line in rack.trace().splitlines() if line[:1].isdigit()]
+        times = [float(line.split()[0]) for line in lines]
+        assert times == sorted(times)
+        requests = [line.split()[1] for line in lines if line.endswith(write(1, 0x11, 1).hex(" ").upper()) and " > rx " in line]
+        assert requests == ["a", "x"]
+        assert rack.vcd() and rack.pcapng()
+
+
+def test_what_a_rack_cannot_do(rig_file):
+    with drivetwin.run(rig_file[0], control=False) as rack:
+        for act, sentence in (
+            (lambda: rack.advance(1), "a board has no virtual time"),
+            (lambda: rack.run_until(1e6), "a board has no virtual time"),
+            (lambda: setattr(rack, "time", "x10"), "a board has no virtual time"),
+            (lambda: rack["a"].line(), "the line of a board is a real one"),
+            (lambda: rack.line("a.rs485"), "the line of a board is a real one"),
+            (lambda: rack["a"].received(), "a board does not report the outcomes"),
+            (lambda: rack["a"].port("rs485"), "the port of a board is a real one"),
+        ):
+            with pytest.raises(drivetwin.NotOnBoard, match=sentence):
+                act()
+        for act, sentence in (
+            (lambda: rack.wire("a.J3.7", "x.J2.2"), "'a' is on a board: the pins of a board are real"),
+            (lambda: rack.motor("a", "m"), "'a' is on a board: a board turns a real motor"),
+            (
+                lambda: rack.scenario([{"after_ms": 1, "drive": "a", "power": "cut"}]),
+                "'a' is on a board: a scenario is played by a bench",
+            ),
+        ):
+            with pytest.raises(drivetwin.Error, match=sentence):
+                act()
+        # The emulated drives have all of it.
+        rack["x"].line().faults(drop=1)
+        rack["q"].port("usb").write(b"")
+        rack.scenario([{"after_ms": 1, "drive": "x", "power": "off"}])
+        rack.wait(0.1)
+        assert (rack["x"].powered, rack["a"].powered) == (False, True)
+    with pytest.raises(drivetwin.Error, match="'a' is on a board, which only a run attaches"):
+        drivetwin.Bench.load(rig_file[0])
+
+
+def test_the_fixture_runs_a_rack(rig_file, pytester):
+    pytester.makepyfile(
+        f"""
+        def test_rack(twin):
+            rack = twin.run({str(rig_file[0])!r})
+            rack["a"].pins["J2.2"] = "low"
+            rack["x"].pins["J2.2"] = "low"
+            assert rack["a"].pins["J2.2"] == rack["x"].pins["J2.2"] == "low"
+            assert False, "so that the recording is kept"
+        """
+    )
+    result = pytester.runpytest_subprocess("--drivetwin-artifacts", "kept")
+    result.assert_outcomes(failed=1)
+    (trace,) = pytester.path.glob("kept/*.trace")
+    edges = [line.split()[1] for line in trace.read_text().splitlines() if line.endswith("> pin J2.2 low")]
+    assert edges == ["a", "x"]

@@ -191,6 +191,38 @@ def test_pins_start_and_stop_a_move_as_a_wire_does(md3):
     assert (pins["J2.3"], pins["J2.4"]) == ("high", "high")
 
 
+def test_a_rack_has_the_board_beside_an_emulated_drive(things, tmp_path):
+    pico = Pico(IMAGES / "md3")
+    things.callback(pico.end)
+    file, record = tmp_path / "rig.toml", tmp_path / "rig.trace"
+    file.write_text(
+        f"[[drive]]\nname = 'pico'\nboard = 'tcp:{pico.control}'\nbus = 'rfc2217:{pico.bus}'\nkind = 'md3'\n"
+        "[[drive]]\nname = 'x'\nkind = 'md3'\n"
+    )
+    rack = Program("run", file, "--control", "127.0.0.1:0", "--record", record)
+    things.callback(lambda: rack.process.returncode is None and rack.end())
+    for name in ("pico", "x"):
+        assert rack.call("PUT", f"/api/drives/{name}/pins/J2.2", {"level": "low"})[0] == 204
+        assert rack.get(f"/api/drives/{name}")["pins"]["J2.2"] == "low"
+    master = Master(things.enter_context(pico.port()), 1).ready()
+    # IOPortData (0x0A, 7.9) has the low input.
+    registers = master.read_registers(0, 32)
+    assert [n for n in range(32) if registers[n] != DEFAULTS[n]] == [0x0A]
+    # The board loses its power while the bench runs, and is back.
+    pico.world("power off")
+    pico.world("power on")
+    deadline = time.monotonic() + PATIENCE
+    while rack.call("PUT", "/api/drives/pico/registers/UserRegister", {"value": 7})[0] != 204:
+        assert rack.get("/api/drives/x")["pins"]["J2.2"] == "low"
+        assert time.monotonic() < deadline, "the board does not come back"
+    assert rack.end() == 0
+    lines = [line.split(maxsplit=2) for line in record.read_text().splitlines() if line[:1].isdigit()]
+    times = [float(line[0]) for line in lines]
+    assert times == sorted(times)
+    assert [line[1] for line in lines if line[-1] == "> pin J2.2 low"] == ["pico", "x"]
+    assert any(line[1] == "pico" and line[-1].startswith("> rx 01 03 00 00 00 20") for line in lines)
+
+
 def test_a_fault_ends_a_move(md3):
     _, attached, master = md3
     master.write_pair(SPEED, 500)

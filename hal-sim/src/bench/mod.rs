@@ -61,7 +61,7 @@ use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
 use crate::scheduler::{Event, Phase, Queue, Tournament};
 use crate::slot::{CallContext, Outputs, Slot};
 pub use crate::slot::{MOST_CONNECTIONS, Motion, PersistFn, PinStimulus, Statistics};
-use elsewhere::Reported;
+use elsewhere::{Reported, Waits};
 use events::EventKind;
 use motors::MotorSlot;
 pub use motors::{Motor, MotorModel, ShaftState};
@@ -243,6 +243,8 @@ pub struct Bench {
     scenarios: Vec<Playing>,
     /// Drives that are elsewhere.
     reported: BTreeMap<DriveId, Reported>,
+    /// Recordings that wait for reports of these drives; `None` if they do not wait.
+    waits: Option<Waits>,
 }
 
 impl Default for Bench {
@@ -290,6 +292,7 @@ impl Bench {
             capture: Capture::new(settings.capture),
             scenarios: Vec::new(),
             reported: BTreeMap::new(),
+            waits: None,
         }
     }
 
@@ -324,7 +327,7 @@ impl Bench {
         let Setup { boot_fast, memory, persist, presets, external_motor } = setup;
         let spec = device.spec();
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
-        let (now, mark) = (self.now, self.trace.mark());
+        let (now, mark) = (self.now, self.trace.position());
         let Settings { seed, journals, .. } = self.settings;
         let mut slot = Slot::new(index, name, device, seed, boot_fast, memory, persist);
         if !journals {
@@ -361,6 +364,7 @@ impl Bench {
             boot_fast,
             fast_line: self.settings.line == LineMode::Fast,
             external_motor,
+            elsewhere: false,
             turns_motor: slot.turns_motor(),
             from: now,
             memory,
@@ -535,7 +539,10 @@ impl Bench {
         if at < Instant::NEVER {
             self.now = self.now.max(at);
         }
-        self.trace.end = self.now;
+        match self.waits {
+            None => self.trace.end = self.now,
+            Some(_) => self.settle(),
+        }
     }
 
     /// Runs until the bench is idle: every complete request is answered or rejected, and scheduled changes of

@@ -428,6 +428,22 @@ impl Bench {
         News { entries: entries.collect(), last, lost }
     }
 
+    /// Like [`received_after`](Self::received_after), but only until the first message behind the time until which
+    /// [recordings are complete](Self::recorded_until), so that a reader of both has all in the order of time.
+    #[must_use]
+    pub fn recorded_after(&self, after: u64, most: usize) -> News {
+        let mut news = self.received_after(after, most);
+        let until = self.recorded_until();
+        if let Some(count) = news.entries.iter().position(|(_, _, entry)| entry.at > until)
+            && let Some((_, _, first)) = news.entries.get(count)
+        {
+            news.last = first.number - 1;
+            news.entries.truncate(count);
+            news.lost = news.last - after - count as u64;
+        }
+        news
+    }
+
     /// The newest messages after number `after` that all drives, or one drive, have sent by themselves on ports with text,
     /// at most `most`: records of a stream, what a program prints. The latest 100 of each drive are kept.
     #[must_use]

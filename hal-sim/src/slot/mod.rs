@@ -209,7 +209,7 @@ impl Slot {
         if !is_input {
             return Ok(());
         }
-        let mark = context.trace.mark();
+        let mark = context.trace.position();
         context.trace.record_input(at, self.state.drive, input);
         match *input {
             InputRecord::Power(Power::On) => self.power_on(at, context),

@@ -17,7 +17,7 @@ use drivetwin_panel::requests::{Kind, Kinds};
 /// again.
 #[utoipa::path(put, path = "/api/drives/{name}/kind", request_body = Kind, responses(
     (status = 200, body = Kinds),
-    (status = 409, description = "The drive is not on a board, or the board cannot be a drive of this kind.", body = Problem,
+    (status = 409, description = "The drive is not on a board, the board cannot be a drive of this kind, or its bench has other drives.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn kind(

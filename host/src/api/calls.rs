@@ -12,6 +12,7 @@ use drivetwin_sim::bench::DriveId;
 use drivetwin_sim::commands;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::line::faults::Party;
+use futures_util::future::join_all;
 use tokio::sync::oneshot;
 
 use super::board_state::{board_view, drive_of_board};
@@ -28,11 +29,18 @@ const MAX_ADVANCE: f64 = 86_400.0;
 #[utoipa::path(get, path = "/api/bench", responses((status = 200, body = Bench)))]
 pub(super) async fn bench(State(api): State<Api>) -> Result<Json<Bench>, Problem> {
     let places = api.places.clone();
-    let bench = api.call(move |event_loop| Bench::of(&event_loop.bench, event_loop.time_mode(), &places));
-    let mut bench = bench.await?;
-    for name in api.boards.keys() {
-        let (board, now) = api.on_board(name.clone(), |board| Ok(board_view(board))).await?;
-        bench.add(board, now);
+    let bench = api.call(move |event_loop| {
+        let bench = Bench::of(&event_loop.bench, event_loop.time_mode(), &places);
+        (bench, event_loop.follows_board())
+    });
+    let (mut bench, follows_board) = bench.await?;
+    let views = api.boards.keys().map(|name| api.on_board(name.clone(), |board| Ok(board_view(board))));
+    for view in join_all(views).await {
+        let (board, now) = view?;
+        bench.add(board, now.is_some_and(|(powered, _)| powered));
+        if let Some((_, at)) = now.filter(|_| follows_board) {
+            bench.reach(at);
+        }
     }
     Ok(Json(bench))
 }
@@ -195,16 +203,18 @@ pub(super) async fn disturb(
 /// Plays a scenario from now on, beside those that are played already.
 #[utoipa::path(post, path = "/api/scenario", request_body = Scenario, responses(
     (status = 204),
-    (status = 409, description = "The bench plays 1,000 scenarios already, or has a board.", body = Problem,
+    (status = 409, description = "The bench plays 1,000 scenarios already, or has no emulated drive.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn play(
     State(api): State<Api>,
     Body(scenario): Body<Scenario>,
 ) -> Result<StatusCode, Problem> {
-    api.refuse_with_boards(reasons::NO_SCENARIO)?;
     api.call(move |event_loop| {
         let bench = &mut event_loop.bench;
+        if bench.drives().all(|drive| bench.is_elsewhere(drive)) {
+            return Err(Problem::conflict(reasons::NO_SCENARIO));
+        }
         let scenarios = scenario.on(bench).map_err(Problem::refused)?;
         bench.play_all(scenarios).map_err(Problem::conflict)?;
         event_loop.begin_idle_run();

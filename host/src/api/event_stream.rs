@@ -261,7 +261,7 @@ struct Messages {
 impl Messages {
     /// At most [`PIECE`] messages after number `after`.
     fn of(bench: &Bench, after: u64, drive: Option<usize>) -> Self {
-        let news = bench.received_after(after, PIECE);
+        let news = bench.recorded_after(after, PIECE);
         let only = drive.and_then(|index| bench.drives().nth(index));
         let names = |receiver: Receiver| match receiver {
             Receiver::Drive(id) if only.is_none_or(|only| only == id) => {

@@ -52,15 +52,19 @@ pub(super) async fn live(
     let permit = permit.map_err(|_| too_many("follow the bench"))?;
     // Taken before the first look, so that no later change is missed.
     let grown = api.handle.watch();
-    if let Some(name) = drive.clone() {
-        let found = api.query(move |bench| commands::drive(bench, &name).map(|_| ())).await?;
-        found.map_err(|refusal| Problem::refused(refusal.to_string()))?;
-    }
+    let name = drive.clone();
+    // Of a rack the emulated drives can do what its boards cannot.
+    let is_elsewhere = api.query(move |bench| match name {
+        Some(name) => commands::drive(bench, &name).map(|id| bench.is_elsewhere(id)),
+        None => Ok(bench.drives().all(|id| bench.is_elsewhere(id))),
+    });
+    let is_elsewhere = is_elsewhere.await?.map_err(|refusal| Problem::refused(refusal.to_string()))?;
     let mut viewer = Viewer::new(drive.clone());
     if !api.boards.is_empty() {
+        viewer = viewer.without("time", reasons::NO_TIME).without("advance", reasons::NO_TIME);
+    }
+    if is_elsewhere {
         viewer = viewer
-            .without("time", reasons::NO_TIME)
-            .without("advance", reasons::NO_TIME)
             .without("line_faults", reasons::NO_LINE_FAULTS)
             .without("scenario", reasons::NO_SCENARIO)
             .without("traffic", reasons::NO_JOURNAL);

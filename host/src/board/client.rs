@@ -24,6 +24,7 @@ use rustix::event::{EventfdFlags, PollFd, PollFlags};
 use tracing::{info, warn};
 
 use super::answer::{AnswerTo, Answered, Failure, Hello, reply};
+use super::board_clock::Seen;
 use super::link::{self, Link, frame};
 use super::place::Target;
 use super::report;
@@ -48,18 +49,27 @@ const RETRY: Duration = Duration::from_millis(250);
 
 /// Change of a connection, or message of a board, in the order of time.
 pub(crate) enum Report {
-    /// A session has begun, with the drive in this state.
-    Begun(Session, State),
-    /// Events with their times.
-    Events(Vec<(Instant, Event)>),
+    /// A session has begun, with the drive in this state at this time.
+    Begun(Session, State, Seen),
+    /// Events with their times, and the wall time at which they have come.
+    Events(Vec<(Instant, Event)>, WallInstant),
     /// The board was at this time.
-    At(Instant),
+    At(Seen),
     /// The board is gone; a session may follow.
     Gone,
 }
 
 /// Function that takes reports.
 pub(crate) type Sink = Box<dyn FnMut(Report) + Send>;
+
+/// Kind of drive that a board shall be.
+#[derive(Clone, Copy, Debug)]
+pub(crate) enum Wanted {
+    /// Any kind. It may become another one.
+    Any,
+    /// This kind, or any if it is `None`. It must not become another one.
+    Kept(Option<&'static str>),
+}
 
 /// A board that is connected.
 #[derive(Clone, Debug)]
@@ -91,6 +101,8 @@ impl Session {
 pub(super) struct Shared {
     status: Mutex<Status>,
     changed: Condvar,
+    /// The kind that the board must be in each session; `None` if it may become another one.
+    kind: Option<&'static str>,
     jobs: Mutex<Sender<Job>>,
     waker: OwnedFd,
     next_number: AtomicU16,
@@ -116,6 +128,11 @@ impl Shared {
     fn set(&self, status: Status) {
         *self.status() = status;
         self.changed.notify_all();
+    }
+
+    /// The kind that the board must be in each session; `None` if it may become another one.
+    pub(super) fn kind(&self) -> Option<&'static str> {
+        self.kind
     }
 
     /// The present session.
@@ -181,21 +198,24 @@ impl Client {
     ///
     /// # Errors
     /// One sentence: there is no board of this version of drivetwin.
-    pub(super) fn connect(mut target: Target, mut sink: Sink) -> Result<Self, String> {
+    pub(super) fn connect(mut target: Target, wanted: Wanted, mut sink: Sink) -> Result<Self, String> {
         let waker = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
         let waker = waker.map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
-        let (link, session, state) = open(&mut target, 1, (0, Instant::ZERO))?;
+        let first = if let Wanted::Kept(kind) = wanted { kind } else { None };
+        let (link, session, state, seen) = open(&mut target, first, 1, (0, Instant::ZERO))?;
+        let kind = matches!(wanted, Wanted::Kept(_)).then_some(session.spec.kind);
         let (jobs, from) = mpsc::channel();
         let shared = Arc::new(Shared {
             status: Mutex::new(Ok(session.clone())),
             changed: Condvar::new(),
+            kind,
             jobs: Mutex::new(jobs),
             waker,
             next_number: AtomicU16::new(0),
             ends: AtomicBool::new(false),
         });
         let mut connected = Connected::new(link, session.clone(), state.at);
-        sink(Report::Begun(session, state));
+        sink(Report::Begun(session, state, seen));
         let worker = Worker { shared: Arc::clone(&shared), target, from, sink, session: 1 };
         let thread = std::thread::Builder::new().name("board".into());
         let thread = thread.spawn(move || {
@@ -330,15 +350,17 @@ impl Connected {
                 take_events(session, of, latest, next_event, &mut events);
             }
             let Some((number, answer)) = reply(&message) else { return ControlFlow::Continue(()) };
+            // An answer that comes too late belongs to nobody.
+            let Some((_, until, to)) = pending.take_if(|(expected, ..)| *expected == number) else {
+                return ControlFlow::Continue(());
+            };
             if let Ok(Answered::State(state)) = &answer {
                 restarted |= state.at < *at;
                 (*at, *stated) = (state.at, wall());
-                states.push(session.time(state.at));
+                let asked = until.checked_sub(PATIENCE).unwrap_or(until);
+                states.push(Seen { at: session.time(state.at), asked, answered: *stated });
             }
-            // An answer that comes too late belongs to nobody.
-            if let Some((_, _, to)) = pending.take_if(|(expected, ..)| *expected == number)
-                && let Some(to) = to
-            {
+            if let Some(to) = to {
                 let _ = to.send(answer);
             }
             ControlFlow::Continue(())
@@ -346,12 +368,12 @@ impl Connected {
         if restarted {
             return Err(io::Error::other("it has started again"));
         }
-        let times = events.iter().map(|(at, _)| *at).chain(states.iter().copied());
+        let times = events.iter().map(|(at, _)| *at).chain(states.iter().map(|seen| seen.at));
         *last = times.max().map_or(*last, |at| at.max(*last));
         if !events.is_empty() {
-            sink(Report::Events(events));
+            sink(Report::Events(events, *received));
         }
-        states.into_iter().for_each(|at| sink(Report::At(at)));
+        states.into_iter().for_each(|seen| sink(Report::At(seen)));
         Ok(())
     }
 
@@ -379,7 +401,7 @@ fn take_events(
     }
     let mut number = of.number;
     for (at, event) in of.decode() {
-        let (at, entry) = (session.time(at), report::entry(session.spec, event));
+        let (at, entry) = (session.time(at), report::entry(session.spec, session.time(0), event));
         into.push(if at <= latest { (at, entry) } else { (latest, Event::Missing { events: Some(1) }) });
         number = number.wrapping_add(1);
     }
@@ -440,11 +462,11 @@ impl Worker {
     /// Connects the board again when it is there. Returns `None` if the client ends.
     fn connect_again(&mut self, before: End) -> Option<Connected> {
         loop {
-            match open(&mut self.target, self.session + 1, before) {
-                Ok((link, session, state)) => {
+            match open(&mut self.target, self.shared.kind, self.session + 1, before) {
+                Ok((link, session, state, seen)) => {
                     self.session += 1;
                     info!("the board at {} is back", self.target);
-                    (self.sink)(Report::Begun(session.clone(), state));
+                    (self.sink)(Report::Begun(session.clone(), state, seen));
                     self.shared.set(Ok(session.clone()));
                     return Some(Connected::new(link, session, state.at));
                 }
@@ -474,13 +496,24 @@ impl Worker {
 }
 
 /// Opens the control port, learns what board is there, and begins the trace. `before` is the base of the last session and the
-/// time of its last report, which no report of this session precedes. Returns also the state of the drive.
+/// time of its last report, which no report of this session precedes. Returns also the state of the drive, and its time.
 ///
 /// # Errors
-/// One sentence: there is no board of this version of drivetwin.
-fn open(target: &mut Target, number: u64, (base, last): End) -> Result<(Link, Session, State), String> {
+/// One sentence: there is no board of this version of drivetwin, or it is not of the wanted kind.
+fn open(
+    target: &mut Target,
+    wanted: Option<&str>,
+    number: u64,
+    (base, last): End,
+) -> Result<(Link, Session, State, Seen), String> {
     let (mut link, hello) = greet(target)?;
     let spec = check(target, &hello)?;
+    if let Some(wanted) = wanted.filter(|wanted| *wanted != spec.kind) {
+        return Err(format!(
+            "the board at {target} is a drive of the kind {}, and not {wanted}; change kind in the file, or the kind of the board: drivetwin attach, PUT /api/drives/board/kind",
+            spec.kind
+        ));
+    }
     let mut ask = |call| match link.ask(number_of(call), call, wall() + PATIENCE) {
         Ok(answered) => Ok(answered),
         Err(Failure::Refused(_)) => Ok(Answered::Done),
@@ -491,14 +524,16 @@ fn open(target: &mut Target, number: u64, (base, last): End) -> Result<(Link, Se
         Answered::Statistics(statistics) => report::line(statistics.line),
         _ => None,
     };
+    let asked = wall();
     let Answered::State(state) = ask(Call::State)? else {
         return Err(format!("there is no board at {target}: it answers something else"));
     };
     // The clock of a board that has started again begins with 0.
     let base = if base.saturating_add(state.at) >= last.ticks() { base } else { last.ticks() };
     let began = Instant::from_ticks(base.saturating_add(state.at));
+    let seen = Seen { at: began, asked, answered: wall() };
     let Hello { image, fast_boot, .. } = hello;
-    Ok((link, Session { number, spec, image, fast_boot, line, base, began }, state))
+    Ok((link, Session { number, spec, image, fast_boot, line, base, began }, state, seen))
 }
 
 /// Opens the control port, and learns what board is there.

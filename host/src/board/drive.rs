@@ -183,6 +183,12 @@ impl Drive {
     pub fn choose(&self, kind: &str) -> Result<(), Refusal> {
         catalog::make(kind).map_err(Refusal::Unknown)?;
         let is_same = kind == self.session.spec.kind;
+        if let Some(kept) = self.shared.kind().filter(|kept| *kept != kind) {
+            return Err(Refusal::Conflict(format!(
+                "{} stays of the kind {kept} while its bench runs; end the run and attach the board alone with drivetwin attach",
+                self.name
+            )));
+        }
         match self.answer(Call::Become(kind)) {
             Ok(_) | Err(Failure::Refused(Refused::NotHere)) if is_same => return Ok(()),
             Ok(_) => self.shared.reconnect(),

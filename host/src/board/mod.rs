@@ -5,11 +5,13 @@
 //! | `place` | where a board is: serial ports, USB serial numbers, TCP |
 //! | `link` | an open control port: messages over bytes |
 //! | `answer` | messages that own their data |
+//! | `board_clock` | wall time of the times of a board |
 //! | `report` | events as entries of a trace |
 //! | `client` | the thread that has the port: calls, sessions |
 //! | `drive` | the drive of a board, for commands by name |
 
 mod answer;
+mod board_clock;
 mod client;
 mod drive;
 mod link;
@@ -22,37 +24,19 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use drivetwin_firmware::device::{Pin, Plan, Port, Role};
+use drivetwin_firmware::device::{Instant, Pin, Plan, Port, Role};
 use drivetwin_sim::commands::Refusal;
+pub use drivetwin_sim::config::board_place::reasons;
 use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord};
 
 use crate::options::BoardPlace;
+pub(crate) use board_clock::{BoardClock, Seen};
 use client::Client;
-pub(crate) use client::{Report, Session, Sink};
+pub(crate) use client::{Report, Session, Sink, Wanted};
 pub use drive::Drive;
 pub(crate) use drive::of_first_port;
 pub(crate) use place::PORTS;
-use place::Target;
-
-/// Reasons why a board cannot do what a bench does.
-pub mod reasons {
-    /// Time.
-    pub const NO_TIME: &str = "a board has no virtual time: its clock goes on by itself";
-    /// Faults of lines.
-    pub const NO_LINE_FAULTS: &str =
-        "the line of a board is a real one, so drivetwin cannot put faults on it; use an emulated drive";
-    /// Scenarios.
-    pub const NO_SCENARIO: &str =
-        "a scenario is played by a bench, and not on a board; switch pins, faults and power from the test";
-    /// Journals.
-    pub const NO_JOURNAL: &str = "a board does not report the outcomes of messages; GET /api/trace has its characters, and ports of the drive its statistics";
-    /// Motors, switches, wires, further drives.
-    pub const NO_BENCH: &str =
-        "a board is one drive, with real pins and a real motor; a bench of emulated drives has this";
-    /// Streams on virtual time.
-    pub const NO_STREAM: &str =
-        "the port of a board is a real one; open the address that uri() returns, for instance with pyserial";
-}
+pub(crate) use place::Target;
 
 /// USB serial numbers of the boards that are plugged in. `ports` is the folder with the [serial ports](PORTS).
 pub(crate) fn plugged(ports: &Path) -> Vec<String> {
@@ -80,16 +64,23 @@ pub(crate) struct Board {
     bus: Option<PathBuf>,
 }
 
+/// The events of a board since a time of its own, moved to another time. Only plans contain times.
+pub(crate) fn moved(event: Event, from: Instant, to: Instant) -> Event {
+    let Event::Output(OutputRecord::Plan { axis, plan }) = event else { return event };
+    let ticks = to.ticks().saturating_add(plan.start().ticks()).saturating_sub(from.ticks());
+    let moved = Plan::of_segments(Instant::from_ticks(ticks), plan.segments());
+    Event::Output(OutputRecord::Plan { axis, plan: moved.map_or(plan, Box::new) })
+}
+
 impl Board {
     /// Attaches the board at a place. Its drive gets a name. `sink` takes its reports, the first one before this function
     /// returns.
     ///
     /// # Errors
-    /// One sentence: there is no board, or one of another version of drivetwin.
-    pub(crate) fn attach(place: &BoardPlace, name: &str, sink: Sink) -> Result<Self, String> {
-        let target = Target::find(place)?;
+    /// One sentence: there is no board, one of another version of drivetwin, or one of another kind.
+    pub(crate) fn attach(target: Target, name: &str, wanted: Wanted, sink: Sink) -> Result<Self, String> {
         let (text, bus) = (target.to_string(), target.bus.clone());
-        Ok(Self { client: Client::connect(target, sink)?, name: name.into(), place: text, bus })
+        Ok(Self { client: Client::connect(target, wanted, sink)?, name: name.into(), place: text, bus })
     }
 
     /// The drive, as it is now.

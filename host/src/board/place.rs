@@ -37,7 +37,7 @@ pub(super) struct Plugged {
 
 /// A place that has been looked up.
 #[derive(Clone, PartialEq, Eq, Debug)]
-pub(super) struct Target {
+pub(crate) struct Target {
     /// Port or address at which the board is now.
     reach: Reach,
     /// USB serial number, by which a board is found again that was unplugged.
@@ -67,7 +67,7 @@ impl Target {
     ///
     /// # Errors
     /// One sentence: there is no board, or there are several.
-    pub(super) fn find(place: &BoardPlace) -> Result<Self, String> {
+    pub(crate) fn find(place: &BoardPlace) -> Result<Self, String> {
         Self::find_in(Path::new(PORTS), place)
     }
 
@@ -112,6 +112,16 @@ impl Target {
                 [board] => Ok(board.clone().into()),
                 several => Err(format!("several boards are plugged in: {}; name one of them", listed(several))),
             },
+        }
+    }
+
+    /// Returns true if this is the same board as another one.
+    pub(crate) fn is_same(&self, other: &Self) -> bool {
+        match (&self.serial, &other.serial, &self.reach, &other.reach) {
+            (Some(own), Some(other), ..) => own == other,
+            (.., Reach::Serial(own), Reach::Serial(other)) => same(own, other),
+            (.., Reach::Tcp(own), Reach::Tcp(other)) => own == other,
+            _ => false,
         }
     }
 

@@ -15,11 +15,12 @@ pub(super) fn missing(expected: u32, got: u32) -> u64 {
 }
 
 /// The entry of a trace for an event; [`Event::Missing`] for one that this kind of drive does not have.
-pub(super) fn entry(spec: &Spec, event: control::Event<'_>) -> Event {
-    known(spec, event).unwrap_or(Event::Missing { events: Some(1) })
+/// `start` is the time at which the board began to count.
+pub(super) fn entry(spec: &Spec, start: Instant, event: control::Event<'_>) -> Event {
+    known(spec, start, event).unwrap_or(Event::Missing { events: Some(1) })
 }
 
-fn known(spec: &Spec, event: control::Event<'_>) -> Option<Event> {
+fn known(spec: &Spec, start: Instant, event: control::Event<'_>) -> Option<Event> {
     use control::Event as Reported;
     let port = |port: u8| spec.ports.get(usize::from(port)).map(|_| Port(port));
     let pin = |pin: u8| spec.pins.get(usize::from(pin)).map(|_| Pin(pin));
@@ -68,7 +69,7 @@ fn known(spec: &Spec, event: control::Event<'_>) -> Option<Event> {
             return Some(Event::Output(OutputRecord::Wave { pin: pin(number)?, period, high }));
         }
         Reported::Plan(number, course) => {
-            let (axis, plan) = (axis(number)?, Box::new(plan(course)?));
+            let (axis, plan) = (axis(number)?, Box::new(plan(start, course)?));
             return Some(Event::Output(OutputRecord::Plan { axis, plan }));
         }
         Reported::Step(number, steps) => {
@@ -108,7 +109,7 @@ pub(super) fn line(BoardLine { baud, data, parity, stop }: BoardLine) -> Option<
     is_line.then(|| Line::new(baud, data, parity, stop))
 }
 
-fn plan(Course { start, stretches }: Course) -> Option<Plan> {
+fn plan(began: Instant, Course { start, stretches }: Course) -> Option<Plan> {
     let segment = |stretch: control::Stretch| Segment {
         ticks: stretch.ticks,
         acceleration: stretch.acceleration,
@@ -118,7 +119,7 @@ fn plan(Course { start, stretches }: Course) -> Option<Plan> {
         reverse: stretch.reverse,
     };
     let segments: Vec<Segment> = stretches.into_iter().flatten().map(segment).collect();
-    Plan::of_segments(Instant::from_ticks(start), &segments)
+    Plan::of_segments(Instant::from_ticks(began.ticks().saturating_add(start)), &segments)
 }
 
 #[cfg(test)]
@@ -156,10 +157,10 @@ mod tests {
             (Reported::Line(0, BoardLine { baud: 0, ..settings }), false),
             (Reported::Wave { pin: 0, period: 0, high: 0 }, false),
         ] {
-            let entry = entry(spec, event);
+            let entry = entry(spec, Instant::ZERO, event);
             assert_eq!(entry != Event::Missing { events: Some(1) }, is_known, "{event:?}");
         }
-        assert_eq!(entry(spec, Reported::Lost(7)), Event::Missing { events: Some(7) });
+        assert_eq!(entry(spec, Instant::ZERO, Reported::Lost(7)), Event::Missing { events: Some(7) });
         assert_eq!(missing(u32::MAX, 2), 3);
     }
 }

@@ -15,7 +15,7 @@ use drivetwin_sim::catalog;
 use drivetwin_sim::commands::{Drive as _, Refusal};
 use drivetwin_sim::record::trace::{Event as Entry, InputRecord};
 
-use super::{Board, Report};
+use super::{Board, Report, Sink, Target, Wanted};
 use crate::options::BoardPlace;
 
 /// Longer than anything here takes.
@@ -68,6 +68,11 @@ fn usual(number: u16, call: Call<'_>, at: u64) -> Vec<u8> {
     )
 }
 
+/// Attaches a board that may be of any kind.
+fn attach(place: &BoardPlace, sink: Sink) -> Result<Board, String> {
+    Board::attach(Target::find(place)?, "board", Wanted::Any, sink)
+}
+
 /// A board on a TCP port, whose answers a function makes.
 pub(crate) struct Fake {
     pub(crate) place: BoardPlace,
@@ -97,7 +102,7 @@ impl Fake {
             // The test may have heard enough.
             let _ = to.send(report);
         };
-        (Board::attach(&self.place, "board", Box::new(sink)), reports)
+        (attach(&self.place, Box::new(sink)), reports)
     }
 
     fn attached(&self) -> (Board, Receiver<Report>) {
@@ -198,7 +203,7 @@ fn what_is_no_board_is_said_in_one_sentence() {
     let sentence = echo.attach().0.err().unwrap();
     assert!(sentence.ends_with(": it answers something else"), "{sentence}");
     let gone = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().to_string();
-    let sentence = Board::attach(&BoardPlace::Tcp(gone), "board", Box::new(|_| {})).err().unwrap();
+    let sentence = attach(&BoardPlace::Tcp(gone), Box::new(|_| {})).err().unwrap();
     assert!(sentence.contains("cannot be opened: Connection refused"), "{sentence}");
 }
 
@@ -239,7 +244,7 @@ fn a_pulled_cable_fails_the_call_and_time_goes_on_when_the_board_is_back() {
     assert!(sentence.contains("cannot be reached: it is gone"), "{sentence}");
     board.wait_for_session_after(drive.session_number(), LONG).unwrap();
     let begun = |report| match report {
-        Report::Begun(session, _) => Some(session.began.ticks()),
+        Report::Begun(session, ..) => Some(session.began.ticks()),
         _ => None,
     };
     drop((drive, board));
@@ -272,7 +277,7 @@ fn missing_messages_and_lost_events_are_reported() {
     board.drive().unwrap().set_fault(drivetwin_firmware::device::Fault(0), true).unwrap();
     drop(board);
     let all = reports.iter().filter_map(|report| match report {
-        Report::Events(events) => Some(events),
+        Report::Events(events, _) => Some(events),
         _ => None,
     });
     let all: Vec<(u64, Entry)> = all.flatten().map(|(at, event)| (at.ticks(), event)).collect();
@@ -308,7 +313,7 @@ fn no_event_behind_the_first_state_is_lost() {
     );
     let (board, reports) = fake.attached();
     let event = reports.iter().find_map(|report| match report {
-        Report::Events(events) => events.into_iter().next(),
+        Report::Events(events, _) => events.into_iter().next(),
         _ => None,
     });
     let edge = InputRecord::Edge { pin: drivetwin_firmware::device::Pin(0), high: false };

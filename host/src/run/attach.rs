@@ -2,22 +2,20 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use drivetwin_control::State;
 use drivetwin_firmware::device::{Duration, Instant, Port};
 use drivetwin_sim::bench::{Bench, Settings};
 use drivetwin_sim::catalog;
-use drivetwin_sim::commands::Drive as _;
-use drivetwin_sim::config::listen::Uri;
+use drivetwin_sim::config::board_place::check_bus;
 use drivetwin_sim::config::time_mode::TimeMode;
-use drivetwin_sim::record::trace::Event;
 
+use super::backlog::{Backlog, Waiting};
 use super::output_files::OutputFiles;
-use super::{Running, reserve_control, serve_control};
+use super::{Running, rack, reserve_control, serve_control};
 use crate::api::Boards;
-use crate::banner::{Address, Banner};
-use crate::board::{self, Board, Report, Session, Sink};
+use crate::banner::Banner;
+use crate::board::{self, Board, Report, Seen, Session, Sink, Target, Wanted};
 use crate::event_loop::{self, BenchHandle, EventLoop};
 use crate::lender::Lender;
 use crate::options::{AttachOptions, Control, RunOptions};
@@ -26,12 +24,9 @@ use crate::ports::Ports;
 /// Name of the drive of the board.
 const NAME: &str = "board";
 
-/// Maximum number of events that wait to be recorded. A file that is written slowly does not fill the memory.
-const MOST_EVENTS: usize = 1 << 20;
-
 /// Time that events of a board take at most until they are here, unless it is overloaded. A recording is complete until
 /// that time before the present one.
-const DELAY: Duration = Duration::millis(500);
+pub(super) const DELAY: Duration = Duration::millis(500);
 
 /// Attaches a board, opens the control API, and starts the output files.
 ///
@@ -53,14 +48,16 @@ const DELAY: Duration = Duration::millis(500);
 /// One sentence that names the place, the option or the file, and the error.
 pub fn attach(options: AttachOptions) -> Result<Running, String> {
     let AttachOptions { place, bus, control, allow_host, record, vcd, pcap, recorded } = options;
-    check_bus(bus.as_ref())?;
+    if let Some(bus) = &bus {
+        check_bus(bus).map_err(|why| format!("--bus {why}"))?;
+    }
     let is_read = control != Control::Off || recorded;
     let control = reserve_control(&control)?;
     let files = OutputFiles::open(&RunOptions { record, vcd, pcap, ..RunOptions::default() }, &[])?;
     let (trace, capture) = files.retention(is_read);
     let (handle, inbox) =
         event_loop::handle().map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
-    let board = Board::attach(&place, NAME, recorder(handle.clone()))?;
+    let board = Board::attach(Target::find(&place)?, NAME, Wanted::Any, recorder(handle.clone()))?;
     let session = board.session()?;
     let mut bench = Bench::with(Settings { trace, capture, journals: false, ..Settings::default() });
     add(&mut bench, &session)?;
@@ -68,15 +65,12 @@ pub fn attach(options: AttachOptions) -> Result<Running, String> {
     let mut addresses = BTreeMap::new();
     let drive = bench.find_drive(NAME);
     if let Some(drive) = drive
-        && let Some(address) = bus_address(bus, &board)
+        && let Some(address) = rack::bus_address(bus, &board)
     {
         addresses.insert(bench.outlet(drive, Port(0)), vec![address]);
     }
     let mut banner = Banner::new(&bench, drive.as_slice(), addresses);
-    let away = |refusal: drivetwin_sim::commands::Refusal| refusal.to_string();
-    let mut on_board = board.drive().map_err(away)?;
-    let unit = session.spec.address.map(|row| on_board.peek(row)).transpose().map_err(away)?;
-    banner.set_board(NAME, &format!("{}, image {}", board.place(), session.image), unit, session.line);
+    rack::show(&mut banner, &board)?;
 
     let boards: Boards = Arc::new(BTreeMap::from([(NAME.to_owned(), board)]));
     let lender = Lender::new(handle.clone());
@@ -86,28 +80,6 @@ pub fn attach(options: AttachOptions) -> Result<Running, String> {
     let mut event_loop = EventLoop::new(bench, ports, TimeMode::Manual, files, inbox);
     event_loop.follow_board();
     Ok(Running { event_loop, lender, banner, memories: Vec::new(), api, boards })
-}
-
-/// Checks that the address of the drive's bus is one that masters can open.
-///
-/// # Errors
-/// The address is one that only a drive of this program can have.
-fn check_bus(bus: Option<&Uri>) -> Result<(), String> {
-    match bus {
-        Some(uri @ (Uri::Pty(_) | Uri::Stdio)) => Err(format!(
-            "--bus {uri} is not where the bus of a board can be; it takes serial:DEVICE, tcp:HOST:PORT or rfc2217:HOST:PORT"
-        )),
-        _ => Ok(()),
-    }
-}
-
-/// Address of the drive's bus for masters: the option, or the port at the same USB cable.
-fn bus_address(option: Option<Uri>, board: &Board) -> Option<Address> {
-    match option {
-        Some(Uri::Serial(path)) => Some(Address::Port(path)),
-        Some(uri) => Some(Address::Uri(uri.to_string())),
-        None => board.bus().cloned().map(Address::Port),
-    }
 }
 
 /// Adds the drive of a session to a bench without drives.
@@ -120,46 +92,36 @@ fn add(bench: &mut Bench, session: &Session) -> Result<(), String> {
 
 /// A function that lets the thread of the bench record reports.
 fn recorder(handle: BenchHandle) -> Sink {
-    let (caller, waiting) = (Arc::new(()), Arc::new(AtomicUsize::new(0)));
-    let mut dropped: u64 = 0;
+    let (caller, mut backlog) = (Arc::new(()), Backlog::default());
     Box::new(move |report| {
-        let mut report = report;
-        if let Report::Events(events) = &mut report {
-            if waiting.load(Ordering::Relaxed) > MOST_EVENTS {
-                dropped += events.len() as u64;
-                return;
+        let caller = Arc::downgrade(&caller);
+        match report {
+            Report::Begun(session, state, _) => handle.submit(caller, move |event_loop| {
+                begin(event_loop, &session, &state);
+                || {}
+            }),
+            Report::Events(events, _) => {
+                let Some(waiting) = backlog.add(events) else { return };
+                handle.submit(caller, move |event_loop| {
+                    record(event_loop, waiting);
+                    || {}
+                });
             }
-            if dropped > 0
-                && let Some((at, _)) = events.first()
-            {
-                events.insert(0, (*at, Event::Missing { events: Some(std::mem::take(&mut dropped)) }));
-            }
-            waiting.fetch_add(events.len(), Ordering::Relaxed);
+            Report::At(Seen { at, .. }) => handle.submit(caller, move |event_loop| {
+                event_loop.bench.report_time(Instant::ZERO + at.since(Instant::ZERO + DELAY));
+                || {}
+            }),
+            Report::Gone => {}
         }
-        let waiting = Arc::clone(&waiting);
-        handle.submit(Arc::downgrade(&caller), move |event_loop| {
-            record(event_loop, report, &waiting);
-            || {}
-        });
     })
 }
 
-/// Records a report.
-fn record(event_loop: &mut EventLoop, report: Report, waiting: &AtomicUsize) {
-    match report {
-        Report::Begun(session, state) => begin(event_loop, &session, &state),
-        Report::Events(events) => {
-            waiting.fetch_sub(events.len(), Ordering::Relaxed);
-            let bench = &mut event_loop.bench;
-            let Some(drive) = bench.find_drive(NAME) else { return };
-            for (at, event) in events {
-                bench.report(drive, at, event);
-            }
-        }
-        Report::At(at) => {
-            event_loop.bench.report_time(Instant::ZERO + at.since(Instant::ZERO + DELAY));
-        }
-        Report::Gone => {}
+/// Records events.
+fn record(event_loop: &mut EventLoop, mut waiting: Waiting<Instant>) {
+    let bench = &mut event_loop.bench;
+    let Some(drive) = bench.find_drive(NAME) else { return };
+    for (at, event) in std::mem::take(&mut waiting.events) {
+        bench.report(drive, at, event);
     }
 }
 

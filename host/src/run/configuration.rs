@@ -46,6 +46,7 @@ impl Configuration {
         };
         layout.seed = options.seed.or(layout.seed);
         layout.time = options.time.or(layout.time);
+        layout.check_time().map_err(|why| format!("--time: {why}"))?;
         layout.line = options.line.or(layout.line);
         if options.strict && !layout.has_modbus_line() {
             let what = file.as_deref().map_or_else(|| options.what.as_str().into(), shown);
@@ -79,6 +80,7 @@ impl Configuration {
         let Layout { drives, buses, motors, .. } = &self.layout;
         let counts = [
             (drives.len(), "drive", "drives"),
+            (drives.iter().filter(|drive| drive.board.is_some()).count(), "board", "boards"),
             (buses.len(), "bus", "buses"),
             (motors.len(), "motor", "motors"),
         ];
@@ -185,6 +187,7 @@ fn drive(options: &RunOptions) -> Result<DriveLayout, String> {
         program: options.program.clone(),
         fast_boot: options.fast_boot,
         faults: Vec::new(),
+        board: None,
     })
 }
 

@@ -63,6 +63,9 @@ impl Memory {
     /// One sentence that says what is wrong: the file cannot be used.
     fn open(configuration: &Configuration, index: usize, program: Option<&Image>) -> Result<Self, String> {
         let drive = &configuration.layout.drives[index];
+        if drive.board.is_some() {
+            return Ok(Self { content: None, file: None });
+        }
         let spec = catalog::make(drive.kind)?.spec();
         let size = usize::from(spec.memory);
         let mut memory = Self { content: None, file: None };

@@ -4,25 +4,28 @@
 //! overwritten last.
 
 mod attach;
+mod backlog;
 mod configuration;
 mod memories;
 mod offline;
 mod output_files;
+mod rack;
 mod reserved_ports;
 
+use std::collections::BTreeMap;
 use std::os::fd::AsFd;
 use std::sync::Arc;
 
-use drivetwin_firmware::device::Spec;
+use drivetwin_firmware::device::{Port, Spec};
 use drivetwin_sim::bench::{Bench, Bus, DriveId, Settings};
 use drivetwin_sim::config::layout::Built;
 use drivetwin_sim::config::time_mode::TimeMode;
 use tracing::info;
 
 use crate::api::{self, Boards};
-use crate::banner::Banner;
-use crate::board::OnBoard;
-use crate::event_loop::{self, BenchHandle, EventLoop};
+use crate::banner::{Address, Banner};
+use crate::board::{Board, OnBoard};
+use crate::event_loop::{self, BenchHandle, EventLoop, Inbox};
 use crate::lender::Lender;
 use crate::options::Control;
 use crate::ports::Bound;
@@ -45,6 +48,11 @@ pub struct Prepared {
     allow_host: Vec<String>,
     memories: Vec<Memory>,
     files: OutputFiles,
+    handle: BenchHandle,
+    inbox: Inbox,
+    boards: BTreeMap<String, Board>,
+    /// Addresses of the buses of boards, by the names of their drives.
+    buses_of_boards: Vec<(String, Address)>,
 }
 
 /// A bench whose ports and control API are open. The [crate] has an example.
@@ -60,16 +68,25 @@ pub struct Running {
 }
 
 impl Configuration {
-    /// Reserves ports, opens files and builds the bench.
+    /// Reserves ports, opens files, attaches boards and builds the bench.
     ///
     /// # Errors
     /// One sentence that names the address, file or drive, and the error.
-    pub fn prepare(self) -> Result<Prepared, String> {
+    pub fn prepare(mut self) -> Result<Prepared, String> {
         let programs = self.programs()?;
         let ports = ReservedPorts::all(&self.layout)?;
         let control = reserve_control(&self.options.control)?;
         let memories = self.memories(&programs)?;
         let files = OutputFiles::open(&self.options, &memories)?;
+
+        let (handle, inbox) = event_loop::handle()
+            .map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
+        let boards = self.attach_boards(&handle)?;
+        let buses_of_boards = self.layout.drives.iter().filter_map(|drive| {
+            let bus = drive.board.as_ref()?.bus.clone();
+            Some((drive.name.clone(), rack::bus_address(bus, boards.get(&drive.name)?)?))
+        });
+        let buses_of_boards = buses_of_boards.collect();
 
         let is_read = control.is_some() || self.options.recorded;
         let (trace, capture) = files.retention(is_read);
@@ -84,9 +101,26 @@ impl Configuration {
 
         // A drive may change its line after it has read its pins.
         bench.run_until(bench.now());
+        if !boards.is_empty() {
+            bench.wait_for_reports(attach::DELAY);
+        }
         let time_mode = self.layout.time.unwrap_or(TimeMode::Times(1));
         let allow_host = self.options.allow_host;
-        Ok(Prepared { bench, drives, buses, time_mode, ports, control, allow_host, memories, files })
+        Ok(Prepared {
+            bench,
+            drives,
+            buses,
+            time_mode,
+            ports,
+            control,
+            allow_host,
+            memories,
+            files,
+            handle,
+            inbox,
+            boards,
+            buses_of_boards,
+        })
     }
 }
 
@@ -112,13 +146,19 @@ impl Prepared {
     /// # Errors
     /// One sentence that names what cannot be opened, and the reason.
     pub fn open(self) -> Result<Running, String> {
-        let Self { mut bench, drives, buses, time_mode, ports, control, allow_host, memories, files } = self;
-        let (ports, addresses) = ports.open(&mut bench, &drives, &buses)?;
-        let (handle, inbox) = event_loop::handle()
-            .map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
+        let Self { mut bench, drives, buses, time_mode, ports, control, allow_host, memories, files, .. } =
+            self;
+        let Self { handle, inbox, boards, buses_of_boards, .. } = self;
+        let (ports, mut addresses) = ports.open(&mut bench, &drives, &buses)?;
+        for (name, address) in buses_of_boards {
+            if let Some(drive) = bench.find_drive(&name) {
+                addresses.insert(bench.outlet(drive, Port(0)), vec![address]);
+            }
+        }
         let lender = Lender::new(handle.clone());
         let mut banner = Banner::new(&bench, &drives, addresses);
-        let boards = Boards::default();
+        boards.values().try_for_each(|board| rack::show(&mut banner, board))?;
+        let boards: Boards = Arc::new(boards);
         let api = serve_control(control, &allow_host, handle, &mut banner, &boards)?;
         let files = files.begin(&bench)?;
         memories.iter().for_each(Memory::warn);
@@ -155,10 +195,11 @@ impl Running {
         self.lender.clone()
     }
 
-    /// The board with the drive of that name; `None` if the drive is emulated here.
-    #[must_use]
-    pub fn board(&self, drive: &str) -> Option<OnBoard> {
-        OnBoard::new(&self.boards, drive)
+    /// The boards, each with its drive on the bench.
+    pub fn boards(&self) -> impl Iterator<Item = (DriveId, OnBoard)> {
+        self.boards.keys().filter_map(|name| {
+            Some((self.event_loop.bench.find_drive(name)?, OnBoard::new(&self.boards, name)?))
+        })
     }
 
     /// Names and descriptions of the drives.
@@ -201,11 +242,15 @@ impl Running {
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");
-        for board in self.boards.values() {
-            // A board that is gone has reported what it will.
-            if let Ok(at) = board.drive().and_then(|drive| drive.now()) {
-                self.event_loop.catch_up_with_board(at);
-            }
+        // A board that is gone has reported what it will. Those that do not answer are waited for at the same time.
+        let times: Vec<_> = std::thread::scope(|scope| {
+            let ask = |board: &Board| board.drive().and_then(|drive| drive.now()).ok();
+            let asked: Vec<_> = self.boards.values().map(|board| scope.spawn(move || ask(board))).collect();
+            asked.into_iter().filter_map(|asked| asked.join().ok().flatten()).collect()
+        });
+        times.into_iter().for_each(|at| self.event_loop.catch_up_with_board(at));
+        if !self.boards.is_empty() {
+            self.event_loop.complete_recordings();
         }
         let mut failures: Vec<String> =
             self.memories.iter().filter_map(|memory| memory.sync().err()).collect();

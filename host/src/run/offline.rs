@@ -54,6 +54,7 @@ impl Configuration {
     /// # Errors
     /// One sentence that names the file or drive, and the error.
     pub fn offline(&self, settings: impl FnOnce(Settings) -> Settings) -> Result<Offline, String> {
+        self.layout.check_emulated().map_err(|sentence| self.wrong(&sentence))?;
         let programs = self.programs()?;
         let memories = self.memories(&programs)?;
         let setups = memories.iter().map(Memory::setup).collect();

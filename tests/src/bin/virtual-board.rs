@@ -1,4 +1,5 @@
-//! A board in memory, paced by the wall clock, whose cable is two TCP ports of 127.0.0.1: `virtual-board KIND [fast]`.
+//! A board in memory, paced by the wall clock, whose cable is two TCP ports of 127.0.0.1:
+//! `virtual-board KIND [fast] [CONTROL]`. `CONTROL` is the address of its control port, any free one if it is not given.
 //!
 //! The first line of its output is `control 127.0.0.1:PORT bus 127.0.0.1:PORT`. A connection is an open port of the cable;
 //! a port has one connection at a time. The port of the bus has the settings of the drive's line. The program ends when
@@ -17,6 +18,9 @@ use drivetwin_tests::at_cable::Rig;
 /// Time between two looks at the connections.
 const PACE: Duration = Duration::from_micros(500);
 
+/// Any free port of this machine.
+const ANY: &str = "127.0.0.1:0";
+
 /// A port of the cable as a TCP port.
 struct Socket {
     port: CablePort,
@@ -27,8 +31,8 @@ struct Socket {
 }
 
 impl Socket {
-    fn new(port: CablePort) -> io::Result<Self> {
-        let listener = TcpListener::bind("127.0.0.1:0")?;
+    fn new(port: CablePort, address: &str) -> io::Result<Self> {
+        let listener = TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;
         Ok(Self { port, listener, stream: None, unsent: Vec::new() })
     }
@@ -76,8 +80,8 @@ impl Socket {
 }
 
 #[expect(clippy::disallowed_methods, reason = "the board is paced by the wall clock")]
-fn serve(kind: &str, fast: bool) -> io::Result<()> {
-    let mut sockets = [Socket::new(CablePort::Control)?, Socket::new(CablePort::Bus)?];
+fn serve(kind: &str, fast: bool, control: &str) -> io::Result<()> {
+    let mut sockets = [Socket::new(CablePort::Control, control)?, Socket::new(CablePort::Bus, ANY)?];
     let [control, bus] = &sockets;
     println!("control {} bus {}", control.listener.local_addr()?, bus.listener.local_addr()?);
     io::stdout().flush()?;
@@ -105,11 +109,13 @@ fn serve(kind: &str, fast: bool) -> io::Result<()> {
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let (kind, fast) = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-        [kind] => (kind, false),
-        [kind, "fast"] => (kind, true),
+    let (kind, fast, control) = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
+        [kind] => (kind, false, ANY),
+        [kind, "fast"] => (kind, true, ANY),
+        [kind, "fast", control] => (kind, true, control),
+        [kind, control] => (kind, false, control),
         _ => {
-            eprintln!("usage: virtual-board KIND [fast]");
+            eprintln!("usage: virtual-board KIND [fast] [CONTROL]");
             return ExitCode::FAILURE;
         }
     };
@@ -117,7 +123,7 @@ fn main() -> ExitCode {
         eprintln!("virtual-board: {why}");
         return ExitCode::FAILURE;
     }
-    match serve(kind, fast) {
+    match serve(kind, fast, control) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("virtual-board: {error}");

@@ -166,6 +166,108 @@ fn drives() {
 const DRIVES: &str =
     "drive = [{name = 'x', kind = 'md3'}, {name = 'q', kind = 'qsb-m'}, {name = 'r', kind = 'rs434544'}]\n";
 
+/// A board keeps what it is (BENCH-22), and its wires are of copper (BENCH-24).
+#[test]
+fn boards() {
+    let board = "[[drive]]\nname = 'b'\nboard = 'usb:E661'\n";
+    check(
+        board,
+        &[
+            ("kind = 'mdd3'", "line 4, column 8: there is no kind 'mdd3'; the nearest is 'md3'"),
+            (
+                "address = 2",
+                "line 4, column 1: 'b' is on a board and takes no 'address': it has the address that it has saved; a master or the control API sets another one",
+            ),
+            (
+                "nv = 'b.nv'",
+                "line 4, column 1: 'b' is on a board and takes no 'nv': it has its memory in its flash; the control API reads and replaces it",
+            ),
+            (
+                "set = { Speed = 1 }",
+                "line 4, column 1: 'b' is on a board and takes no 'set': it has the registers that it has saved; a master or the control API sets them",
+            ),
+            (
+                "program = 'x.rsasm'",
+                "line 4, column 1: 'b' is on a board and takes no 'program': it has its memory in its flash; the control API reads and replaces it",
+            ),
+            (
+                "fast_boot = true",
+                "line 4, column 1: 'b' is on a board and takes no 'fast_boot': its image has a start-up delay, or has none",
+            ),
+            (
+                "listen = []",
+                "line 4, column 1: 'b' is on a board and takes no 'listen': its line is a real one; 'bus' is the address at which masters open it",
+            ),
+            (
+                "faults = []",
+                "line 4, column 1: 'b' is on a board and takes no 'faults': a run does not change it at its start; the control API sets faults",
+            ),
+            (
+                "bus = 'pty:x'",
+                "line 4, column 7: bus: pty:x is not where the bus of a board can be; it takes serial:DEVICE, tcp:HOST:PORT or rfc2217:HOST:PORT",
+            ),
+            (
+                "[[drive]]\nname = 'c'\nboard = 'usb:E661'",
+                "line 6, column 9: usb:E661 is already the board of 'b'; a board is one drive",
+            ),
+            (
+                "[[bus]]\nname = 'l'\ndrives = ['b']",
+                "line 6, column 11: 'b' is on a board: the line of a board is a real one, which a master opens by itself",
+            ),
+            (
+                "[[motor]]\nname = 'm'\ndrive = 'b'",
+                "line 6, column 9: 'b' is on a board: a board turns a real motor",
+            ),
+            (
+                "[[fault]]\nbus = 'b.rs485'\ndrop = 1",
+                "line 5, column 7: 'b' is on a board: the line of a board is a real one, so drivetwin cannot put faults on it; use an emulated drive",
+            ),
+            (
+                "[[scenario]]\nsteps = [{ at_s = 1, drive = 'b', power = 'off' }]",
+                "line 5, column 30: 'b' is on a board: a scenario is played by a bench, and not on a board; switch pins, faults and power from the test",
+            ),
+        ],
+    );
+    let both = format!("{board}kind = 'md3'\n[[drive]]\nname = 'x'\nkind = 'md3'\n");
+    let copper = "the pins of a board are real, and so are their wires: connect them with copper, or set them by the control API";
+    for (text, place) in [
+        ("[[wire]]\nfrom = 'b.J3.7'\nto = 'x.J2.2'", "line 9, column 8"),
+        ("[[wire]]\nfrom = 'x.J3.7'\nto = 'b.J2.2'", "line 10, column 6"),
+        (
+            "[[motor]]\nname = 'm'\ndrive = 'x'\n[[switch]]\nmotor = 'm'\nclosed = { above_rev = 1 }\nto = 'b.J2.2'",
+            "line 14, column 6",
+        ),
+        ("[[scenario]]\nsteps = [{ at_s = 1, pin = 'b.J2.2', level = 'low' }]", "line 9, column 28"),
+    ] {
+        assert_eq!(
+            wrong(&format!("{both}{text}")),
+            format!("{place}: 'b' is on a board: {copper}"),
+            "{text}"
+        );
+    }
+    check(
+        "",
+        &[
+            (
+                "[[drive]]\nname = 'b'\nboard = ''",
+                "line 3, column 9: there is no board at '': it takes the path of a serial port, usb:SERIAL or tcp:HOST:PORT",
+            ),
+            (
+                "[[drive]]\nname = 'x'\nkind = 'md3'\nbus = 'line1'",
+                "line 4, column 1: bus is a key of a drive on a board, and 'x' has no 'board'",
+            ),
+            (
+                "time = 'manual'\n[[drive]]\nname = 'b'\nboard = 'usb:E661'",
+                "line 1, column 8: time cannot be 'manual', because 'b' is on a board: a board has no virtual time: its clock goes on by itself",
+            ),
+            (
+                "[[drive]]\nname = 'b'\nboard = 'usb:E661'\n[[drive]]\nname = 'c'",
+                "line 4, column 1: [[drive]] needs 'kind'",
+            ),
+        ],
+    );
+}
+
 #[test]
 fn buses() {
     check(

@@ -7,6 +7,7 @@ use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{PowerAction, Setup};
 use drivetwin_sim::catalog;
+use drivetwin_sim::config::board_place::BoardPlace;
 use drivetwin_sim::config::layout::{At, Built, MotorKind};
 use drivetwin_sim::config::listen::Uri;
 use drivetwin_sim::config::time_mode::TimeMode;
@@ -198,6 +199,55 @@ fn paths_are_relative_to_the_folder_of_the_file() {
     assert_eq!(drive.program.as_deref(), Some(Path::new("/abs.rsasm")));
     let places = drive.listen.iter().map(|(_, uri)| uri.to_string()).collect::<Vec<_>>();
     assert_eq!(places, ["pty:/benches/x.tty", "serial:/dev/ttyUSB0", "tcp:127.0.0.1:0"]);
+}
+
+#[test]
+fn a_bench_file_names_boards_by_their_places() {
+    let mut layout = layout(
+        "time = 'real'
+        [defaults.drive]
+        kind = 'md3'
+        fast_boot = true
+        [[drive]]
+        name = 'x'
+        [[drive]]
+        name = 'b{1..2}'
+        board = 'tcp:127.0.0.1:{5000+n}'
+        bus = 'rfc2217:127.0.0.1:{6000+n}'
+        [[drive]]
+        name = 'c'
+        board = 'ttyACM1'
+        [[fault]]
+        bus = 'rs485'
+        drop = 1
+        ",
+    );
+    layout.relative_to(Path::new("/dev"));
+    let boards: Vec<_> = layout.drives.iter().map(|drive| drive.board.clone()).collect();
+    let board = |index: usize| boards[index].as_ref().unwrap();
+    assert!(boards[0].is_none() && layout.has_boards());
+    assert_eq!(board(2).place, BoardPlace::Tcp("127.0.0.1:5002".into()));
+    assert_eq!(board(2).bus, Some(Uri::Rfc2217("127.0.0.1:6002".into())));
+    assert_eq!(board(3).place, BoardPlace::Port("/dev/ttyACM1".into()));
+    // Defaults that a board does not take are for the other drives.
+    assert_eq!(
+        layout.drives.iter().map(|drive| drive.fast_boot).collect::<Vec<_>>(),
+        [true, false, false, false]
+    );
+    assert!(layout.drives.iter().all(|drive| drive.kind == "md3"));
+    assert_eq!(layout.drives.iter().map(|drive| drive.listen.len()).collect::<Vec<_>>(), [1, 0, 0, 0]);
+    // `rs485` alone is the line of the only emulated drive.
+    assert_eq!(layout.faults[0].bus, "x.rs485");
+    assert!(
+        layout.check_emulated().unwrap_err().starts_with("'b1' is on a board, which only a run attaches")
+    );
+}
+
+#[test]
+fn a_board_of_any_kind_is_no_warning() {
+    let layout = layout("[[drive]]\nname = 'b'\nboard = 'usb:E661'\n[[drive]]\nname = 'x'\nkind = 'md3'\n");
+    assert_eq!(layout.drives[0].kind, "");
+    assert_eq!(layout.warnings().unwrap(), [""; 0]);
 }
 
 /// Values missing in a `[[motor]]` come from the registers of its drive at power-on, either presets or from

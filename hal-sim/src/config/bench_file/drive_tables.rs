@@ -8,15 +8,28 @@ use super::Reader;
 use super::scenario_tables::find_fault;
 use super::table::{Located, LocatedError, Table};
 use crate::catalog;
-use crate::config::layout::{self, At, BusLayout, DriveLayout};
+use crate::config::board_place::{BoardPlace, check_bus, reasons};
+use crate::config::layout::{self, At, BoardLayout, BusLayout, DriveLayout};
 use crate::config::listen::{Listen, Uri};
 use crate::config::preset::{self, Number, Preset};
 use crate::rsasm;
 use crate::suggest;
 
 /// The keys of `[[drive]]`.
-pub(super) const DRIVE: [&str; 9] =
-    ["name", "kind", "address", "nv", "set", "program", "fast_boot", "listen", "faults"];
+pub(super) const DRIVE: [&str; 11] =
+    ["name", "kind", "address", "nv", "set", "program", "fast_boot", "listen", "faults", "board", "bus"];
+/// The keys of a `[[drive]]` on a board.
+pub(super) const BOARD: [&str; 4] = ["name", "kind", "board", "bus"];
+/// The other keys of `[[drive]]`, each with the reason why a board does not take it (BENCH-22).
+const NOT_OF_BOARDS: [(&str, &str); 7] = [
+    ("address", "it has the address that it has saved; a master or the control API sets another one"),
+    ("nv", "it has its memory in its flash; the control API reads and replaces it"),
+    ("set", "it has the registers that it has saved; a master or the control API sets them"),
+    ("program", "it has its memory in its flash; the control API reads and replaces it"),
+    ("fast_boot", "its image has a start-up delay, or has none"),
+    ("listen", "its line is a real one; 'bus' is the address at which masters open it"),
+    ("faults", "a run does not change it at its start; the control API sets faults"),
+];
 /// The keys of `[[bus]]`.
 pub(super) const BUS: [&str; 5] = ["name", "listen", "drives", "collisions", "strict"];
 
@@ -32,6 +45,12 @@ pub(super) enum Line {
 impl Reader {
     pub(super) fn drive(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let name = self.name(table, "drive")?;
+        if table.text("board")?.is_some() {
+            return self.board(table, name);
+        }
+        if let Some(bus) = table.any_of(&["bus"]) {
+            return Err(bus.wrong(format!("bus is a key of a drive on a board, and '{name}' has no 'board'")));
+        }
         let kind = table.needed_text("kind")?;
         let spec = catalog::make(kind.is).map_err(LocatedError::at(kind.at))?.spec();
         let program = path(table, "program")?;
@@ -59,6 +78,7 @@ impl Reader {
             program: program.map(|program| program.is),
             fast_boot: table.flag("fast_boot")?.is_some_and(|fast| fast.is),
             faults: Vec::new(),
+            board: None,
         };
         let listen = table.texts("listen")?;
         self.no_listen.push(listen.as_ref().is_some_and(|listen| listen.is.is_empty()));
@@ -80,6 +100,49 @@ impl Reader {
         }
         self.layout.drives.push(drive);
         self.specs.push(spec);
+        Ok(())
+    }
+
+    /// Reads a drive that is on a board.
+    fn board(&mut self, table: &Table<'_>, name: String) -> Result<(), LocatedError> {
+        for key in table.keys() {
+            if let Some((_, why)) = NOT_OF_BOARDS.iter().find(|(other, _)| *other == key.is) {
+                return Err(key.wrong(format!("'{name}' is on a board and takes no '{}': {why}", key.is)));
+            }
+        }
+        let text = table.needed_text("board")?;
+        let place: BoardPlace = text
+            .is
+            .parse()
+            .map_err(|error| text.wrong(format!("there is no board at '{}': {error}", text.is)))?;
+        let boards = self.layout.drives.iter().filter_map(|drive| Some((drive, drive.board.as_ref()?)));
+        if let Some((other, _)) = boards.into_iter().find(|(_, board)| board.place == place) {
+            return Err(
+                text.wrong(format!("{place} is already the board of '{}'; a board is one drive", other.name))
+            );
+        }
+        let kind = table.text("kind")?;
+        let spec = match &kind {
+            Some(kind) => catalog::make(kind.is).map_err(LocatedError::at(kind.at))?.spec(),
+            None => &Spec::EMPTY,
+        };
+        let bus = table.text("bus")?.map(|text| {
+            let bus = text.is.parse().and_then(|bus| check_bus(&bus).map(|()| bus));
+            bus.map_err(|error| text.wrong(format!("bus: {error}")))
+        });
+        self.layout.drives.push(DriveLayout {
+            name,
+            kind: spec.kind,
+            listen: Vec::new(),
+            nv: None,
+            presets: Vec::new(),
+            program: None,
+            fast_boot: false,
+            faults: Vec::new(),
+            board: Some(BoardLayout { place, bus: bus.transpose()? }),
+        });
+        self.specs.push(spec);
+        self.no_listen.push(true);
         Ok(())
     }
 
@@ -167,6 +230,15 @@ impl Reader {
         names.clone().position(|other| other == name).ok_or_else(|| suggest::unknown("drive", name, names))
     }
 
+    /// Index of the drive with that name, which must not be on a board, for the reason `why`.
+    pub(super) fn emulated(&self, name: &str, why: &str) -> Result<usize, String> {
+        let drive = self.drive_named(name)?;
+        match self.layout.drives[drive].board {
+            Some(_) => Err(format!("'{name}' is on a board: {why}")),
+            None => Ok(drive),
+        }
+    }
+
     /// The bus that a port is on.
     fn bus_of(&self, drive: usize, port: Port) -> Option<&BusLayout> {
         self.layout.buses.iter().find(|bus| bus.drives.contains(&(drive, port)))
@@ -175,7 +247,7 @@ impl Reader {
     /// A port that can be on a bus, named like `x` or `x.rs485`.
     fn port(&self, text: &str) -> Result<(usize, Port), String> {
         let (drive, name) = text.split_once('.').map_or((text, None), |(drive, port)| (drive, Some(port)));
-        let drive = self.drive_named(drive)?;
+        let drive = self.emulated(drive, reasons::NO_BUS)?;
         let spec = self.spec(drive);
         let fits = |port: &PortSpec| port.framing == Framing::Silence && !port.is_tcp();
         let mut ports = (0..).map(Port).zip(spec.ports);
@@ -198,8 +270,9 @@ impl Reader {
         }
         let lines = self.own_lines();
         if let Some((drive, port)) = text.split_once('.')
-            && let Ok(drive) = self.drive_named(drive)
+            && self.drive_named(drive).is_ok()
         {
+            let drive = self.emulated(drive, reasons::NO_LINE_FAULTS)?;
             let spec = self.spec(drive);
             let (port, _) = (0..)
                 .map(Port)
@@ -230,7 +303,7 @@ impl Reader {
 
     /// The lines of all serial ports that are on no bus, and all TCP ports.
     fn own_lines(&self) -> Vec<Line> {
-        let drives = 0..self.layout.drives.len();
+        let drives = (0..self.layout.drives.len()).filter(|&drive| self.layout.drives[drive].board.is_none());
         let ports = drives.flat_map(|drive| {
             let ports = (0..).map(Port).zip(self.spec(drive).ports);
             ports.map(move |(port, _)| (drive, port))
@@ -267,7 +340,7 @@ impl Reader {
         let (drive, name) = text
             .split_once('.')
             .ok_or_else(|| format!("'{text}' is not a pin; write drive and pin, like x.J2.2"))?;
-        let drive = self.drive_named(drive)?;
+        let drive = self.emulated(drive, reasons::NO_WIRE)?;
         let spec = self.spec(drive);
         let pin: Option<Pin> = spec.pin(name);
         let unknown = || {

@@ -8,6 +8,7 @@ use std::collections::BTreeSet;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
+use super::drive_tables::BOARD;
 use super::table::LocatedError;
 use crate::suggest;
 
@@ -89,7 +90,7 @@ fn fill_variables(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Resu
 }
 
 /// Moves the keys of `[defaults.drive]` into each `[[drive]]` that does not have them. Tables, like `set`, are
-/// merged key by key.
+/// merged key by key. A drive on a board gets only the keys that it takes.
 fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
     let Some(defaults) = root.remove("defaults") else { return Ok(()) };
     let at = defaults.span().start;
@@ -128,19 +129,19 @@ fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
             }
         };
         for drive in drives.iter_mut() {
-            if let DeValue::Table(drive) = drive.get_mut() {
-                merge(drive, &defaults);
-            }
+            let DeValue::Table(drive) = drive.get_mut() else { continue };
+            let is_board = drive.contains_key("board");
+            merge(drive, &defaults, &|key| !is_board || BOARD.contains(&key));
         }
     }
     Ok(())
 }
 
-/// Adds the keys of `defaults` that `table` does not have.
-fn merge<'i>(table: &mut DeTable<'i>, defaults: &DeTable<'i>) {
-    for (key, value) in defaults {
+/// Adds the keys of `defaults` that `table` does not have, but takes.
+fn merge<'i>(table: &mut DeTable<'i>, defaults: &DeTable<'i>, takes: &dyn Fn(&str) -> bool) {
+    for (key, value) in defaults.iter().filter(|(key, _)| takes(key.get_ref())) {
         match (table.get_mut(key.get_ref().as_ref()).map(Spanned::get_mut), value.get_ref()) {
-            (Some(DeValue::Table(table)), DeValue::Table(defaults)) => merge(table, defaults),
+            (Some(DeValue::Table(table)), DeValue::Table(defaults)) => merge(table, defaults, &|_| true),
             (Some(_), _) => {}
             (None, _) => {
                 table.insert(key.clone(), value.clone());

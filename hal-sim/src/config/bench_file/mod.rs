@@ -202,8 +202,8 @@ impl Reader {
 
     fn read(mut self, root: &Table<'_>) -> Result<Layout, LocatedError> {
         self.layout.seed = root.whole("seed", 0, u64::MAX)?.map(|seed| seed.is);
-        self.layout.time =
-            read_as(root.text("time")?, |text| text.parse().map_err(|error| format!("time: {error}")))?;
+        let time = root.text("time")?;
+        self.layout.time = read_as(time, |text| text.parse().map_err(|error| format!("time: {error}")))?;
         self.layout.line = read_as(root.text("line")?, line_mode)?;
         let drives = root.each("drive", "[[drive]]", &DRIVE)?;
         if drives.is_empty() && self.layout.drives.is_empty() {
@@ -211,6 +211,9 @@ impl Reader {
         }
         for table in drives {
             self.drive(&table)?;
+        }
+        if let (Some(time), Err(why)) = (time, self.layout.check_time()) {
+            return Err(time.wrong(why));
         }
         for table in root.each("bus", "[[bus]]", &BUS)? {
             self.bus(&table)?;

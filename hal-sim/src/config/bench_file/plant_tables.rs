@@ -7,6 +7,7 @@ use super::Reader;
 use super::table::{Located, LocatedError, Table};
 use crate::bench::{CYCLES_PER_REV, Closed, FURTHEST_REV};
 use crate::catalog;
+use crate::config::board_place::reasons;
 use crate::config::layout::{At, BrushKeys, EncoderLayout, MotorKind, MotorLayout, SwitchLayout, WireLayout};
 use crate::suggest;
 
@@ -73,7 +74,7 @@ impl Reader {
     pub(super) fn motor(&mut self, table: &Table<'_>) -> Result<(), LocatedError> {
         let name = self.name(table, "motor")?;
         let text = table.needed_text("drive")?;
-        let drive = self.drive_named(text.is).map_err(LocatedError::at(text.at))?;
+        let drive = self.emulated(text.is, reasons::NO_MOTOR).map_err(LocatedError::at(text.at))?;
         let axis = Axis(0);
         let spec = self.spec(drive);
         if spec.axes.is_empty() {

@@ -8,6 +8,7 @@ use super::fault_tables::line_fault_keys;
 use super::table::{Located, LocatedError, Table};
 use crate::bench::scenario::{Action, MOST_SCENARIOS, Scenario, Step, Trigger, Written};
 use crate::bench::{PULSE_HZ, PinStimulus, PowerAction};
+use crate::config::board_place::reasons;
 use crate::decode::modbus::legal;
 use crate::ids::DriveId;
 use crate::suggest;
@@ -198,7 +199,7 @@ impl Reader {
     }
 
     fn drive_at(&self, name: &Located<&str>) -> Result<usize, LocatedError> {
-        self.drive_named(name.is).map_err(LocatedError::at(name.at))
+        self.emulated(name.is, reasons::NO_SCENARIO).map_err(LocatedError::at(name.at))
     }
 }
 

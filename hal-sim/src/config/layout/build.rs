@@ -3,7 +3,7 @@
 use drivetwin_firmware::device::{PresetError, Spec};
 use drivetwin_firmware::motor::{self, stepper};
 
-use super::{At, BrushKeys, BusLayout, DriveLayout, Layout, MotorKind, MotorLayout};
+use super::{At, BoardLayout, BrushKeys, BusLayout, DriveLayout, Layout, MotorKind, MotorLayout};
 use crate::bench::{AddError, Bench, Bus, DriveId, Motor, MotorModel, Settings, Setup};
 use crate::catalog;
 use crate::config::preset::{self, Preset};
@@ -66,6 +66,7 @@ impl Layout {
             program: None,
             fast_boot: false,
             faults: Vec::new(),
+            board: bench.is_elsewhere(id).then(BoardLayout::default),
         });
         let buses = bench.shared_buses().map(|bus| BusLayout {
             name: bench.bus_name(bus).to_owned(),
@@ -145,6 +146,13 @@ impl Layout {
         mut setup: Setup,
     ) -> Result<(DriveId, Vec<(usize, i64)>), String> {
         let drive = &self.drives[index];
+        if drive.board.is_some() {
+            let added = match drive.kind {
+                "" => bench.add_unknown(&drive.name),
+                kind => bench.add_elsewhere(&drive.name, catalog::make(kind)?),
+            };
+            return Ok((added.map_err(|error| self.cannot_add(index, &error))?, Vec::new()));
+        }
         let device = catalog::make(drive.kind)?;
         let spec = device.spec();
         setup.boot_fast |= drive.fast_boot;

@@ -14,6 +14,7 @@ pub use self::build::{Added, Built, has_own_motor};
 use crate::bench::scenario::Scenario;
 use crate::bench::{Closed, Settings};
 use crate::catalog;
+use crate::config::board_place::{BoardPlace, reasons};
 use crate::config::listen::{Listen, Uri};
 use crate::config::preset::Preset;
 use crate::config::time_mode::TimeMode;
@@ -73,7 +74,7 @@ impl Layout {
     /// Returns true if a drive has a serial port for Modbus.
     #[must_use]
     pub fn has_modbus_line(&self) -> bool {
-        self.drives.iter().any(|drive| {
+        self.drives.iter().filter(|drive| drive.board.is_none()).any(|drive| {
             let ports = catalog::make(drive.kind).map_or(&[][..], |device| device.spec().ports);
             ports.iter().any(|port| port.framing == Framing::Silence)
         })
@@ -91,10 +92,52 @@ impl Layout {
         }
     }
 
+    /// Returns true if a drive is on a board.
+    #[must_use]
+    pub fn has_boards(&self) -> bool {
+        self.drives.iter().any(|drive| drive.board.is_some())
+    }
+
+    /// Checks that all drives are emulated, as those of a bench on virtual time are.
+    ///
+    /// # Errors
+    /// One sentence: a drive is on a board.
+    pub fn check_emulated(&self) -> Result<(), String> {
+        match self.drives.iter().find(|drive| drive.board.is_some()) {
+            Some(drive) => Err(format!(
+                "'{}' is on a board, which only a run attaches; use drivetwin run, or drivetwin.run in Python",
+                drive.name
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks that the bench can have its time mode.
+    ///
+    /// # Errors
+    /// One sentence: the bench has a board, and its time is not real.
+    pub fn check_time(&self) -> Result<(), String> {
+        match (self.time, self.drives.iter().find(|drive| drive.board.is_some())) {
+            (Some(time), Some(drive)) if time != TimeMode::Times(1) => Err(format!(
+                "time cannot be '{time}', because '{}' is on a board: {}",
+                drive.name,
+                reasons::NO_TIME
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// Prefixes relative paths with `folder`: paths in a bench file are relative to its folder (BENCH-2).
     pub fn relative_to(&mut self, folder: &Path) {
         for drive in &mut self.drives {
             for path in [&mut drive.nv, &mut drive.program].into_iter().flatten() {
+                *path = folder.join(&path);
+            }
+            let Some(BoardLayout { place, bus }) = &mut drive.board else { continue };
+            if let BoardPlace::Port(path) = place {
+                *path = folder.join(&path);
+            }
+            if let Some(Uri::Serial(path)) = bus {
                 *path = folder.join(&path);
             }
         }
@@ -115,7 +158,8 @@ pub type At = (usize, Pin);
 pub struct DriveLayout {
     /// Name of the drive: one word without dots, unique on the bench.
     pub name: String,
-    /// Kind of the drive, as in [`catalog`], for instance `md3`.
+    /// Kind of the drive, as in [`catalog`], for instance `md3`. Empty if the drive is on a board, and the file does not
+    /// say what the board is.
     pub kind: &'static str,
     /// Listening addresses of its ports.
     pub listen: Vec<(Port, Uri)>,
@@ -129,6 +173,17 @@ pub struct DriveLayout {
     pub fast_boot: bool,
     /// Faults whose causes are present from the start.
     pub faults: Vec<Fault>,
+    /// The board that the drive is on; `None` if the drive is emulated here.
+    pub board: Option<BoardLayout>,
+}
+
+/// A board at this computer, whose drive is one of the bench.
+#[derive(Clone, Debug, Default)]
+pub struct BoardLayout {
+    /// Place of the board.
+    pub place: BoardPlace,
+    /// Address of the drive's bus for masters; `None` if the place of the board says it.
+    pub bus: Option<Uri>,
 }
 
 /// A line that several ports share: table `[[bus]]` of a bench file.

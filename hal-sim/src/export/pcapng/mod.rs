@@ -55,6 +55,7 @@ pub struct Snapshot {
     capture: Capture,
     /// Number of frames recorded by that instant.
     seen: u64,
+    /// Time until which the frames are complete.
     now: Instant,
     outlets: Vec<(Outlet, About)>,
 }
@@ -68,7 +69,7 @@ impl Snapshot {
         Self {
             capture: capture.outline(),
             seen: capture.seen(),
-            now: bench.now(),
+            now: bench.recorded_until(),
             outlets: outlets.collect(),
         }
     }
@@ -203,6 +204,7 @@ impl<W: Write> Pcapng<W> {
     /// Errors of the writer.
     pub fn follow(&mut self, bench: &Bench) -> io::Result<()> {
         let until = Instant::ZERO + bench.now().since(Instant::ZERO + KNOWN_AFTER);
+        let until = until.min(bench.recorded_until());
         self.take_ended(bench.capture(), until, &|outlet| About::of(bench, outlet))
     }
 

@@ -148,6 +148,9 @@ pub struct Trace {
     /// Number of benches before this one, whose events the numbers of these events follow.
     pub(crate) generation: u32,
     events: VecDeque<Entry>,
+    /// Events that wait for earlier ones of drives that are elsewhere, in the order of recording; `None` if events do not
+    /// wait.
+    waiting: Option<Vec<Entry>>,
     retention: Retention,
     /// Memory that `events` uses, in bytes.
     bytes: usize,
@@ -166,6 +169,8 @@ pub struct TraceDrive {
     pub fast_line: bool,
     /// True if a motor of the bench replaces its internal motor.
     pub external_motor: bool,
+    /// True if the drive is on a board, which reported its events. A replay does not repeat them.
+    pub elsewhere: bool,
     /// True if the drive turns a brush or brushless motor, internal or of the bench. The motion of its axis is
     /// then that of the motor, which only [`Event::Shaft`] shows.
     pub turns_motor: bool,
@@ -496,6 +501,7 @@ impl Trace {
             written: 0,
             generation: 0,
             events: VecDeque::new(),
+            waiting: None,
             retention,
             bytes: 0,
         }
@@ -561,6 +567,14 @@ impl Trace {
     #[inline(always)]
     fn record(&mut self, at: Instant, drive: u32, event: Event) {
         let entry = Entry { at, drive: drive as usize, event, line: 0 };
+        match &mut self.waiting {
+            None => self.append(entry),
+            Some(waiting) => waiting.push(entry),
+        }
+    }
+
+    #[inline(always)]
+    fn append(&mut self, entry: Entry) {
         self.bytes += entry.size();
         let bound = match self.retention {
             Retention::Ring(most) => Some((most, u64::MAX)),
@@ -580,6 +594,30 @@ impl Trace {
         self.events.push_back(entry);
     }
 
+    /// Lets events wait until [`settle`](Self::settle) from now on.
+    pub(crate) fn wait(&mut self) {
+        self.waiting = Some(Vec::new());
+    }
+
+    /// Returns true if an event waits.
+    pub(crate) fn is_waiting(&self) -> bool {
+        self.waiting.as_ref().is_some_and(|waiting| !waiting.is_empty())
+    }
+
+    /// Takes the events until `until` that wait, in the order of their times. Those of one instant keep the order of their
+    /// recording.
+    pub(crate) fn settle(&mut self, until: Instant) {
+        let Some(waiting) = &mut self.waiting else { return };
+        let mut ready: Vec<Entry> = waiting.extract_if(.., |entry| entry.at <= until).collect();
+        ready.sort_by_key(|entry| entry.at);
+        ready.into_iter().for_each(|entry| self.append(entry));
+    }
+
+    /// Number of events so far, including those that wait, for [`rewind`](Self::rewind).
+    pub(crate) fn position(&self) -> u64 {
+        self.mark() + self.waiting.as_ref().map_or(0, |waiting| waiting.len() as u64)
+    }
+
     /// Number of events so far, including those that a ring has dropped.
     #[must_use]
     pub fn mark(&self) -> u64 {
@@ -597,9 +635,13 @@ impl Trace {
         self.written = self.mark();
     }
 
-    /// Drops all events that were recorded after a [mark](Self::mark).
-    pub(crate) fn rewind(&mut self, mark: u64) {
-        while self.mark() > mark
+    /// Drops all events that were recorded after a [position](Self::position).
+    pub(crate) fn rewind(&mut self, position: u64) {
+        if let Some(waiting) = &mut self.waiting {
+            let left = position.saturating_sub(self.lost + self.events.len() as u64);
+            waiting.truncate(usize::try_from(left).unwrap_or(usize::MAX));
+        }
+        while self.mark() > position
             && let Some(newest) = self.events.pop_back()
         {
             self.bytes -= newest.size();

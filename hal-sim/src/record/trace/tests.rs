@@ -145,7 +145,7 @@ fn what_is_not_known_is_an_error_in_its_line() {
         ("drive u md4", "line 3: there is no kind \"md4\""),
         ("drive t toy", "line 3: two drives have the name t"),
         ("drive 1 toy", "line 3: \"1\" is not a valid name for a drive"),
-        ("drive u toy slow", "line 3: \"slow\" is not known here: fast, apart, untimed, from"),
+        ("drive u toy slow", "line 3: \"slow\" is not known here: fast, apart, elsewhere, untimed, from"),
         ("drive u toy\n1 > idle", "line 4: \">\" is not a drive of this trace"),
         ("memory t 0x0009 01 02", "line 3: the memory of t has 10 bytes"),
         ("memory u 0x0000 01", "line 3: there is no drive \"u\" above this line"),

@@ -114,6 +114,7 @@ impl Trace {
         for drive in self.by_name().iter().map(|&index| &self.drives[index]) {
             let fast = if drive.boot_fast { " fast" } else { "" };
             let apart = if drive.external_motor { " apart" } else { "" };
+            let elsewhere = if drive.elsewhere { " elsewhere" } else { "" };
             let untimed = if drive.fast_line { " untimed" } else { "" };
             let from = match drive.from {
                 Instant::ZERO => String::new(),
@@ -121,7 +122,10 @@ impl Trace {
             };
             line(
                 &mut text,
-                format_args!("drive {} {}{fast}{apart}{untimed}{from}", drive.name, drive.spec.kind),
+                format_args!(
+                    "drive {} {}{fast}{apart}{elsewhere}{untimed}{from}",
+                    drive.name, drive.spec.kind
+                ),
             );
             for (row, bytes) in drive.memory.chunks(MEMORY_ROW).enumerate() {
                 if bytes.iter().any(|&byte| byte != 0xFF) {
@@ -479,6 +483,7 @@ impl Reader {
             boot_fast: false,
             fast_line: false,
             external_motor: false,
+            elsewhere: false,
             turns_motor: device.internal_motor().is_some(),
             from: Instant::ZERO,
             memory: vec![0xFF; usize::from(spec.memory)],
@@ -487,10 +492,11 @@ impl Reader {
             match word {
                 "fast" => drive.boot_fast = true,
                 "apart" => drive.external_motor = true,
+                "elsewhere" => drive.elsewhere = true,
                 "untimed" => drive.fast_line = true,
                 "from" => drive.from = Instant::from_ticks(words.millis()?),
                 _ => {
-                    let words = ["fast", "apart", "untimed", "from"];
+                    let words = ["fast", "apart", "elsewhere", "untimed", "from"];
                     return Err(format!("\"{word}\" is not known here: {}", known(words)));
                 }
             }
