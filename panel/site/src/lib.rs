@@ -1,7 +1,7 @@
 //! The panel without a server: a bench in WebAssembly answers the calls of the page.
 //!
 //! The calls are those of the control API that the page makes, with the same requests, responses and sentences, and
-//! [`Site::play`] for a small [`master`]. [`exports`] has what JavaScript calls.
+//! `POST master` for a small [`master`]. [`exports`] has what JavaScript calls.
 
 pub mod exports;
 pub mod master;
