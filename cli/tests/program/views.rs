@@ -49,7 +49,9 @@ impl InTerminal {
         let path = ptsname(&person, Vec::new()).unwrap();
         let terminal = open(path, OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty()).unwrap();
         let stdio = || Stdio::from(terminal.try_clone().unwrap());
-        let mut command = Command::new(env!("CARGO_BIN_EXE_drivetwin"));
+        // A test that runs under nohup ignores SIGHUP, and so would the program.
+        let mut command = Command::new("env");
+        command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_drivetwin")]);
         command.args(arguments).stdin(stdio()).stdout(stdio()).stderr(stdio());
         let child = spawn(&mut command);
         let person = File::from(person);
