@@ -95,5 +95,5 @@ def test_run_has_every_option_of_the_command():
     usage = subprocess.run([COMMAND, "run", "--help"], capture_output=True, text=True).stdout
     options = {option.replace("-", "_") for option in re.findall(r"^ +(?:-\w, )?--([a-z-]+)", usage, re.MULTILINE)}
     run = members(STUB.body)["run"]
-    # The command's own: what it prints.
-    assert options - {"json", "help", "verbose", "quiet"} == {argument.arg for argument in run.args.kwonlyargs}
+    # The command's own: what it prints, and what it shows in the terminal.
+    assert options - {"json", "help", "verbose", "quiet", "view"} == {argument.arg for argument in run.args.kwonlyargs}

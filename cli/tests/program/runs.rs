@@ -26,7 +26,7 @@ fn an_error_in_options_is_one_sentence() {
     for (arguments, told) in [
         (
             vec![],
-            "a command is missing: run, attach, check, list, describe, replay, plot, asm, disasm, flash; see `drivetwin --help`",
+            "a command is missing: run, attach, view, check, list, describe, replay, plot, asm, disasm, flash; see `drivetwin --help`",
         ),
         (vec!["walk"], "unrecognized subcommand 'walk'"),
         (vec!["run"], "<KIND|BENCH.toml>"),
