@@ -23,7 +23,7 @@ struct Stream {
     screen: Option<Arc<Screen>>,
 }
 
-/// What a drive has sent to a client that another thread shows. If that thread is late, the oldest bytes are dropped.
+/// Characters of a drive for a client that another thread shows. If that thread is late, the oldest bytes are dropped.
 #[derive(Default)]
 pub(crate) struct Screen {
     shown: Mutex<Shown>,

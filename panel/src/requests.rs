@@ -90,7 +90,7 @@ pub struct NewValue {
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"action": "cycle"}))]
 pub struct Power {
-    /// What happens to the power.
+    /// Change of the power.
     pub action: Action,
 }
 
@@ -167,7 +167,7 @@ pub enum Moment {
     Next,
 }
 
-/// What a person types.
+/// Characters that a person types.
 #[derive(Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 #[schema(example = json!({"text": "PR P\r"}))]

@@ -29,7 +29,7 @@ const PAGE: usize = 10;
 /// Durations that the plot may show, in seconds.
 const SPANS: [f64; 9] = [1.0, 2.0, 5.0, 10.0, 30.0, 60.0, 120.0, 300.0, 600.0];
 
-/// What an input line is for.
+/// Purpose of an input line.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum Purpose {
     Filter(Pane),
@@ -57,7 +57,7 @@ pub(crate) enum Choice {
     Ask(Purpose),
 }
 
-/// What the keys go to.
+/// Receiver of the keys.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Mode {
     Panes,
@@ -73,7 +73,7 @@ pub(crate) enum Mode {
     Help(usize),
 }
 
-/// What the view wants.
+/// A request of the view to its surroundings.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum Effect {
     Ask(Ask),

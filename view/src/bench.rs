@@ -255,7 +255,7 @@ impl Bench {
         self.followed.as_deref()
     }
 
-    /// What is known of every drive.
+    /// The state that is known of every drive.
     pub(crate) fn summary(&self, name: &str) -> &Value {
         &self.state["drives"][name]
     }

@@ -1,6 +1,6 @@
 //! The client of a control API: calls, and the stream of the live state, on a thread of its own.
 //!
-//! What the client hears goes into a bounded channel. While the terminal is slow the client reads nothing more, and the
+//! News go into a bounded channel. While the terminal is slow the client reads nothing more, and the
 //! server makes its next update from the state of that time.
 
 use std::sync::mpsc::SyncSender;
@@ -71,7 +71,7 @@ impl Call {
     }
 }
 
-/// What the client hears.
+/// News for the view.
 #[derive(Clone, PartialEq, Debug)]
 pub(crate) enum News {
     /// News of the live state that a request follows.

@@ -13,7 +13,7 @@ pub(crate) struct Entry {
     after: String,
 }
 
-/// What a key means for an input line.
+/// Meaning of a key for an input line.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Typed {
     /// The line may have changed.

@@ -48,7 +48,7 @@ impl Pane {
     }
 }
 
-/// What a key does.
+/// Action of a key.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(crate) enum Action {
     Quit,

@@ -35,7 +35,7 @@ struct InTerminal {
     person: File,
     /// The end of the program, until the program has ended.
     terminal: Option<OwnedFd>,
-    /// What the program writes.
+    /// Output of the program, as it comes.
     pieces: Receiver<Vec<u8>>,
     written: String,
 }

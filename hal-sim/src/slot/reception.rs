@@ -112,7 +112,7 @@ pub(crate) struct Reception {
     pub(crate) overhears: bool,
     /// True if text has arrived in the present call, so that what the drive sends may be its echo.
     hears_text: bool,
-    /// What the drive sends by itself on a port with text in the present call.
+    /// Text that the drive sends by itself in the present call.
     own: Option<(Port, Vec<u8>)>,
 }
 

@@ -1,4 +1,4 @@
-//! What boards say, as JSON. Requests are those of [`drivetwin_panel::requests`], other responses those of
+//! State of boards, as JSON. Requests are those of [`drivetwin_panel::requests`], other responses those of
 //! [`drivetwin_panel::schema`].
 
 use drivetwin_firmware::device::Instant;

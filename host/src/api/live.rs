@@ -155,7 +155,7 @@ impl Reader {
     }
 }
 
-/// What the boards have answered lately, for all readers together.
+/// The latest answers of the boards, for all readers together.
 #[derive(Clone, Default)]
 pub(super) struct Polls(Arc<Mutex<BTreeMap<(String, bool), Polled>>>);
 

@@ -70,7 +70,7 @@ struct Api {
     readers: Arc<Semaphore>,
     /// Permits for downloads of a trace.
     exports: Arc<Semaphore>,
-    /// What boards have answered lately.
+    /// The latest answers of the boards.
     polls: live::Polls,
     terminals: terminals::Terminals,
 }

@@ -1,6 +1,6 @@
 //! Terminals: clients on the text ports of drives, for a person.
 //!
-//! What a drive sends waits in a [`Screen`], which keeps the newest 64 KiB. So a terminal that reads late costs no more,
+//! Characters of a drive wait in a [`Screen`], which keeps the newest 64 KiB. So a terminal that reads late costs no more,
 //! and the thread of the bench never waits for it.
 
 use std::collections::BTreeMap;
@@ -72,7 +72,7 @@ pub(super) struct TerminalOpen {
 /// The data of an event `text`.
 #[derive(Serialize, ToSchema)]
 pub(super) struct TerminalText {
-    /// What the drive has sent, with its control characters. A byte above 127 is U+FFFD.
+    /// Characters that the drive has sent, with control characters. A byte above 127 is U+FFFD.
     #[schema(example = "PR P\r\n0\r\n>")]
     text: String,
 }

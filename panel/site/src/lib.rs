@@ -184,7 +184,7 @@ impl Site {
         self.viewer = Viewer::new(drive);
     }
 
-    /// What has changed since the last update, as JSON; `None` if nothing has. `since_last` is the time since the last
+    /// The changes since the last update, as JSON; `None` if there are none. `since_last` is the time since the last
     /// update.
     pub fn update(&mut self, since_last: WallSpan) -> Option<Vec<u8>> {
         let snapshot = Snapshot::of(&self.bench, self.mode, &Places::new(), self.viewer.look());
@@ -382,7 +382,7 @@ impl Site {
         found.ok_or_else(|| Refused(404, format!("there is no terminal {id}")))
     }
 
-    /// What a terminal has received since the last call.
+    /// Characters that a terminal has received since the last call.
     fn shown(&mut self, id: &str) -> Result<Answer, Refused> {
         let client = self.terminal(id)?;
         let mut bytes = Vec::new();

@@ -1,6 +1,6 @@
 //! A small master: it writes and reads registers of one drive, one request after the other.
 //!
-//! It repeats a request that has no answer, as masters do, so that a fault of the line can be watched.
+//! The master repeats a request that has no answer, as masters do, so that a fault of the line can be watched.
 
 use std::collections::VecDeque;
 
@@ -55,7 +55,7 @@ pub struct Master {
     transaction: u16,
 }
 
-/// What a master does. A request is a PDU, or a command of a QSB.
+/// Action of a master. A request is a PDU, or a command of a QSB.
 #[derive(Clone, PartialEq, Eq, Debug)]
 enum Action {
     Ask(Vec<u8>),
@@ -146,7 +146,7 @@ impl Master {
     }
 }
 
-/// What a step asks for; empty if the bus cannot do it.
+/// Actions of a step; empty if the bus cannot do it.
 fn actions(spec: &Spec, step: Step) -> Vec<Action> {
     let (row, value) = match step {
         Step::Write { row, value } => (row, Some(value)),

@@ -66,7 +66,7 @@ pub const LONGEST: Duration = Duration::from_millis(250);
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = LiveUpdate)]
 pub struct Update {
-    /// What has changed, as a JSON merge patch (RFC 7396). The first one is the whole state.
+    /// The changes, as a JSON merge patch (RFC 7396). The first one is the whole state.
     #[schema(value_type = Option<Object>, nullable = false)]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub state: Option<Value>,
@@ -83,7 +83,7 @@ fn is_zero(number: &u64) -> bool {
     *number == 0
 }
 
-/// What a viewer wants to see of a bench.
+/// The part of a bench that a viewer wants to see.
 #[derive(Clone, Debug)]
 pub struct Look {
     /// The drive whose details are wanted.
@@ -141,9 +141,9 @@ impl Snapshot {
 pub struct Viewer {
     look: Look,
     layout: Layout,
-    /// What the reader has seen; `None` before the first update.
+    /// The state that the reader has; `None` before the first update.
     seen: Option<Seen>,
-    /// What the bench cannot do, by the name of the control, with the reason in one sentence.
+    /// Controls that the bench does not have, with the reason in one sentence.
     cannot: BTreeMap<&'static str, &'static str>,
     /// Longest time until the next look.
     wait: Duration,
@@ -170,7 +170,7 @@ impl Viewer {
         self
     }
 
-    /// What the next [`Snapshot`] shall have.
+    /// Content of the next [`Snapshot`].
     #[must_use]
     pub fn look(&self) -> &Look {
         &self.look

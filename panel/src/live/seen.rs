@@ -17,7 +17,7 @@ use crate::schema::{self, BoardView, BusState, Drive, Motor, Places, Time};
 /// Reason why the clock of a bench cannot be advanced while its time goes on by itself.
 const NO_ADVANCE: &str = "time goes on by itself; choose manual time to advance it";
 
-/// What the bench cannot do: the name of the control, and the reason.
+/// Controls that the bench does not have, with the reason.
 type Cannot = BTreeMap<&'static str, &'static str>;
 
 /// Names of everything on a bench, and wires. They stay the same while the shape of the bench does.
@@ -204,7 +204,7 @@ impl ProgramSeen {
         lines.into_iter().map(|ProgramLine { at, text }| json!({"at": at, "text": text})).collect()
     }
 
-    /// What has changed since `old`, as a merge patch; the whole program without `old`.
+    /// The changes since `old`, as a merge patch; the whole program without `old`.
     fn changes_since(&self, old: Option<&Self>, spec: &Spec) -> Option<Value> {
         let mut patch = Map::new();
         if old.is_none_or(|old| old.memory != self.memory) {
@@ -298,7 +298,7 @@ impl Seen {
         without_nulls(state)
     }
 
-    /// What has changed on the same bench since `old`, as a merge patch; `None` if nothing has. Makes JSON only
+    /// The changes on the same bench since `old`, as a merge patch; `None` if there are none. Makes JSON only
     /// of what differs.
     pub(super) fn changes_since(&self, old: &Self, layout: &Layout, cannot: &Cannot) -> Option<Value> {
         let mut patch = Map::new();
@@ -391,7 +391,7 @@ impl Seen {
         without(&schema::Bus::new(name, drives, listen, state, name_of), &["name"])
     }
 
-    /// What has changed in the program of the wanted drive.
+    /// The changes in the program of the wanted drive.
     fn program_changes(&self, old: Option<&Self>, layout: &Layout) -> Option<Value> {
         let (_, spec) = layout.drives.get(self.wanted?)?;
         self.program.as_ref()?.changes_since(old.and_then(|old| old.program.as_ref()), spec)

@@ -41,7 +41,7 @@ impl Reader {
     }
 }
 
-/// What a reader that comes now is told.
+/// The first update of a new reader.
 fn whole(bench: &Bench, drive: Option<&str>) -> Value {
     let mut reader = Reader::new(drive);
     reader.look(bench);

@@ -98,7 +98,7 @@ impl View {
         self.take(effects);
     }
 
-    /// What the view has wanted since the last call.
+    /// Requests of the view since the last call.
     fn wanted(&mut self) -> Vec<Effect> {
         std::mem::take(&mut self.effects)
     }
