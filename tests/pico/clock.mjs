@@ -30,6 +30,22 @@ export class Clock {
     this.nanos = Math.max(this.nanos, nanos);
   }
 
+  /**
+   * Schedules alarms that come in the order of their instants, before any other is scheduled. One by one they would
+   * each pass all of the others: a script of ten minutes has a million.
+   *
+   * @param {{nanos: number, callback: () => void}[]} events
+   */
+  scheduleAll(events) {
+    if (this.alarms.length > 0) throw new Error('alarms are scheduled already');
+    this.alarms = events.map(({ nanos, callback }) => {
+      const alarm = new Alarm(this, callback);
+      return Object.assign(alarm, { nanos, scheduled: true });
+    });
+    this.alarms.reverse();
+    this.next = this.alarms.at(-1)?.nanos ?? Infinity;
+  }
+
   /** @private */
   insert(alarm) {
     let index = this.alarms.length;
@@ -41,7 +57,7 @@ export class Clock {
 
   /** @private */
   remove(alarm) {
-    this.alarms.splice(this.alarms.indexOf(alarm), 1);
+    this.alarms.splice(this.alarms.lastIndexOf(alarm), 1);
     this.next = this.alarms.at(-1)?.nanos ?? Infinity;
   }
 }

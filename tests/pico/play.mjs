@@ -87,7 +87,8 @@ export function play({ load, script, stack, marks = false }) {
   });
   board.looksForMarks = marks;
   load(board);
-  for (const { nanos, act } of events) board.clock.createAlarm(() => act(board, nanos)).schedule(nanos);
+  // At one instant the script comes before the board.
+  board.clock.scheduleAll(events.map(({ nanos, act }) => ({ nanos, callback: () => act(board, nanos) })));
   // What is said of the instant 0, a jumper for example, is there before power is.
   board.clock.advanceTo(0);
   board.powerOn();
