@@ -144,7 +144,7 @@ impl Drive {
         self.session.fast_boot
     }
 
-    /// Kinds of drive that the board can be; its own or none if its image is one kind.
+    /// Kinds of drive that the board can be; only its own if its image is one kind.
     ///
     /// # Errors
     /// The board cannot be reached.
@@ -155,6 +155,9 @@ impl Drive {
                 Answered::Kind(Some(kind)) => kinds.push(kind),
                 _ => break,
             }
+        }
+        if kinds.is_empty() {
+            kinds.push(self.session.spec.kind.to_owned());
         }
         Ok(kinds)
     }
@@ -213,7 +216,7 @@ impl Drive {
             Err(Failure::Refused(Refused::Unknown | Refused::NotHere)) => {
                 let kinds = self.kinds()?;
                 return Err(Refusal::Conflict(match kinds.as_slice() {
-                    [] | [_] => format!(
+                    [_] => format!(
                         "the image of this board is one kind only, {}; flash another image",
                         self.session.spec.kind
                     ),
