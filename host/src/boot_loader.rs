@@ -6,6 +6,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::board::NotStarted;
 use crate::options::BoardPlace;
 use crate::{board, clock};
 
@@ -13,9 +14,9 @@ use crate::{board, clock};
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Model {
     /// Name for a user.
-    pub(crate) name: &'static str,
+    name: &'static str,
     /// Name in `drivetwin flash`, which the board says, too.
-    pub(crate) board: &'static str,
+    board: &'static str,
     /// Name of the file with all kinds of drive, as `cargo xtask uf2` writes it.
     file: &'static str,
     /// Label of the disk, and what its [`INFO`] says that the board is.
@@ -31,7 +32,7 @@ pub struct Model {
 /// The Raspberry Pi Pico.
 pub const PICO: Model = Model {
     name: "Pico",
-    board: "pico",
+    board: board::PICO,
     file: "drivetwin-pico.uf2",
     disk: "RPI-RP2",
     family: 0xE48B_FF56,
@@ -42,7 +43,7 @@ pub const PICO: Model = Model {
 /// The Raspberry Pi Pico 2.
 pub const PICO_2: Model = Model {
     name: "Pico 2",
-    board: "pico2",
+    board: board::PICO_2,
     file: "drivetwin-pico2.uf2",
     disk: "RP2350",
     family: 0xE48B_FF59,
@@ -51,17 +52,35 @@ pub const PICO_2: Model = Model {
 };
 
 impl Model {
-    /// The model with this name in `drivetwin flash`.
-    pub(crate) fn called(board: &str) -> Option<&'static Self> {
-        const ALL: [&Model; 2] = [&PICO, &PICO_2];
-        ALL.into_iter().find(|model| model.board == board)
+    /// What to do if the boot loader of a board of this model has not been started, in one sentence.
+    fn not_started(&self, why: NotStarted) -> String {
+        let Self { name, .. } = self;
+        let why = match why {
+            NotStarted::Failed(why) => why,
+            NotStarted::Other { place, name: other } if other.is_empty() => {
+                format!("the board at {place} does not say whether it is a {name}")
+            }
+            NotStarted::Other { place, name: other } => {
+                return match [PICO, PICO_2].into_iter().find(|model| model.board == other) {
+                    Some(of) => format!(
+                        "the board at {place} is a {}, and not a {name}: use `drivetwin flash {other}`, or name another board",
+                        of.name
+                    ),
+                    None => format!(
+                        "the board at {place} says that it is a board {}, and not a {name}: name another board",
+                        other.escape_debug()
+                    ),
+                };
+            }
+        };
+        format!("{why}; to flash it, unplug it, and {BOOTSEL}")
     }
 }
 
 /// File on the disk of each boot loader that takes UF2s.
 const INFO: &str = "INFO_UF2.TXT";
 /// Way to the boot loader, for a user.
-pub(crate) const BOOTSEL: &str = "hold its button BOOTSEL while you plug it into USB";
+const BOOTSEL: &str = "hold its button BOOTSEL while you plug it into USB";
 
 /// Number of bytes that are copied at once.
 const PIECE: usize = 64 << 10;
@@ -237,7 +256,8 @@ impl Places {
             (None, Some(place)) => place.clone(),
             (None, None) => self.running_board(name)?,
         };
-        let place = board::start_boot_loader(&self.ports, &place, &model)?;
+        let place = board::start_boot_loader(&self.ports, &place, model.board);
+        let place = place.map_err(|why| model.not_started(why))?;
         asked(&place);
         // At first the disk may be there, but not mounted.
         let mut found = Ok(None);

@@ -614,9 +614,14 @@ fn greet(target: &mut Target, stop: &Stop) -> Result<(Link, Hello), String> {
 }
 
 /// Reason why a boot loader has not been started.
-pub(super) enum NotStarted {
-    /// The board is another one than the user has named. Its name for `drivetwin flash`; empty if its image does not say it.
-    Other(String),
+pub(crate) enum NotStarted {
+    /// The board is another one than the user has named.
+    Other {
+        /// Text of its place.
+        place: String,
+        /// Its name for `drivetwin flash`; empty if its image does not say it.
+        name: String,
+    },
     /// Any other reason, in one sentence.
     Failed(String),
 }
@@ -631,14 +636,11 @@ impl From<String> for NotStarted {
 ///
 /// # Errors
 /// There is no board, or another one, or it does not start a boot loader. The drive goes on.
-pub(super) fn start_boot_loader(target: &mut Target, board: &str) -> Result<(), NotStarted> {
+pub(super) fn start_boot_loader(target: &mut Target, name: &str) -> Result<(), NotStarted> {
     let (mut link, hello) = greet(target, &Stop::new()?)?;
-    if !hello.board.is_empty() && hello.board != board {
-        return Err(NotStarted::Other(hello.board));
-    }
     same_version(target, &hello)?;
-    if hello.board.is_empty() {
-        return Err(NotStarted::Other(hello.board));
+    if hello.board != name {
+        return Err(NotStarted::Other { place: target.to_string(), name: hello.board });
     }
     match link.ask(number_of(Call::Bootloader), Call::Bootloader, wall() + PATIENCE) {
         Err(Failure::Refused(_)) => {

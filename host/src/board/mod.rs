@@ -29,11 +29,10 @@ use drivetwin_sim::commands::Refusal;
 pub use drivetwin_sim::config::board_place::reasons;
 use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord};
 
-use crate::boot_loader::{BOOTSEL, Model};
 use crate::options::BoardPlace;
 pub(crate) use board_clock::{BoardClock, Seen};
-use client::{Client, NotStarted};
-pub(crate) use client::{Report, Session, Sink, Wanted};
+use client::Client;
+pub(crate) use client::{NotStarted, Report, Session, Sink, Wanted};
 pub use drive::Drive;
 pub(crate) use drive::of_first_port;
 pub(crate) use place::PORTS;
@@ -44,38 +43,26 @@ pub(crate) fn plugged(ports: &Path) -> Vec<String> {
     place::plugged(ports).into_iter().map(|board| board.serial).collect()
 }
 
-/// Starts the boot loader of a board, if it is this model. Returns the text of its place.
+/// Names of the boards that `drivetwin flash` knows, which they say themselves.
+pub(crate) const PICO: &str = "pico";
+pub(crate) const PICO_2: &str = "pico2";
+
+/// Starts the boot loader of a board, if it has this name. Returns the text of its place.
 ///
 /// # Errors
-/// One sentence that says what to do: there is no board, or another model, or it does not start a boot loader.
-pub(crate) fn start_boot_loader(ports: &Path, place: &BoardPlace, model: &Model) -> Result<String, String> {
-    let by_hand = |why: String| format!("{why}; to flash it, unplug it, and {BOOTSEL}");
-    let mut target = Target::find_in(ports, place).map_err(by_hand)?;
-    let name = model.name;
-    client::start_boot_loader(&mut target, model.board).map_err(|why| match why {
-        NotStarted::Failed(why) => by_hand(why),
-        NotStarted::Other(board) if board.is_empty() => {
-            by_hand(format!("the board at {target} does not say whether it is a {name}"))
-        }
-        NotStarted::Other(board) => match Model::called(&board) {
-            Some(Model { name: other, .. }) => format!(
-                "the board at {target} is a {other}, and not a {name}: use `drivetwin flash {board}`, or name another board"
-            ),
-            None => format!(
-                "the board at {target} says that it is a board {}, and not a {name}: name another board",
-                board.escape_debug()
-            ),
-        },
-    })?;
+/// There is no board, or another one, or it does not start a boot loader.
+pub(crate) fn start_boot_loader(ports: &Path, place: &BoardPlace, name: &str) -> Result<String, NotStarted> {
+    let mut target = Target::find_in(ports, place)?;
+    client::start_boot_loader(&mut target, name)?;
     Ok(target.to_string())
 }
 
-/// Advice for a board of another version, by its name for `drivetwin flash`, which may be empty.
-fn flash_again(board: &str) -> String {
-    match Model::called(board) {
-        Some(_) => format!("flash it again with `drivetwin flash {board}`"),
-        None if board.is_empty() => "flash it again with `drivetwin flash`".into(),
-        None => "flash it again".into(),
+/// Advice for a board of another version, by its name, which may be empty.
+fn flash_again(name: &str) -> String {
+    match name {
+        PICO | PICO_2 => format!("flash it again with `drivetwin flash {name}`"),
+        "" => "flash it again with `drivetwin flash`".into(),
+        _ => "flash it again".into(),
     }
 }
 
