@@ -176,7 +176,7 @@ pub(crate) struct Run {
     /// Assemble a user program and load it into the memory before power-on, as if saved (rs434544, rs434546)
     #[arg(long, value_name = "FILE.rsasm", help_heading = ONE_DRIVE)]
     pub(crate) program: Option<PathBuf>,
-    /// Skip the start-up delay of the drives
+    /// Skip the start-up delay of emulated drives
     #[arg(long)]
     pub(crate) fast_boot: bool,
     /// Drop requests that are too early on Modbus lines, as drives do: without a silence of t3.5 before them

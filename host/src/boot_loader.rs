@@ -2,38 +2,80 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read as _, Write as _};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::board::NotStarted;
 use crate::options::BoardPlace;
 use crate::{board, clock};
 
 /// A board with a boot loader that takes a UF2.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Model {
+    /// Name for a user.
     name: &'static str,
+    /// Name in `drivetwin flash`, which the board says, too.
+    board: &'static str,
     /// Name of the file with all kinds of drive, as `cargo xtask uf2` writes it.
     file: &'static str,
     /// Label of the disk, and what its [`INFO`] says that the board is.
     disk: &'static str,
     /// Family of the chip in a UF2.
     family: u32,
-    /// Size of the flash in bytes.
-    flash: u64,
+    /// Addresses of the flash.
+    flash: Range<u32>,
+    /// Addresses of the RAM that a UF2 may fill: the boot loader then starts a program in RAM.
+    ram: Range<u32>,
 }
 
 /// The Raspberry Pi Pico.
-pub const PICO: Model =
-    Model { name: "Pico", file: "drivetwin-pico.uf2", disk: "RPI-RP2", family: 0xE48B_FF56, flash: 2 << 20 };
+pub const PICO: Model = Model {
+    name: "Pico",
+    board: board::PICO,
+    file: "drivetwin-pico.uf2",
+    disk: "RPI-RP2",
+    family: 0xE48B_FF56,
+    flash: 0x1000_0000..0x1020_0000,
+    ram: 0x2000_0000..0x2004_2000,
+};
 
 /// The Raspberry Pi Pico 2.
 pub const PICO_2: Model = Model {
     name: "Pico 2",
+    board: board::PICO_2,
     file: "drivetwin-pico2.uf2",
     disk: "RP2350",
     family: 0xE48B_FF59,
-    flash: 4 << 20,
+    flash: 0x1000_0000..0x1040_0000,
+    ram: 0x2000_0000..0x2008_2000,
 };
+
+impl Model {
+    /// What to do if the boot loader of a board of this model has not been started, in one sentence.
+    fn not_started(&self, why: NotStarted) -> String {
+        let Self { name, .. } = self;
+        let why = match why {
+            NotStarted::Failed(why) => why,
+            NotStarted::Other { place, name: other } if other.is_empty() => {
+                format!("the board at {place} does not say whether it is a {name}")
+            }
+            NotStarted::Other { place, name: other } => {
+                return match [PICO, PICO_2].into_iter().find(|model| model.board == other) {
+                    Some(of) => format!(
+                        "the board at {place} is a {}, and not a {name}: use `drivetwin flash {other}`, or name another board",
+                        of.name
+                    ),
+                    None => format!(
+                        "the board at {place} says that it is a board {}, and not a {name}: name another board",
+                        other.escape_debug()
+                    ),
+                };
+            }
+        };
+        format!("{why}; to flash it, unplug it, and {BOOTSEL}")
+    }
+}
 
 /// File on the disk of each boot loader that takes UF2s.
 const INFO: &str = "INFO_UF2.TXT";
@@ -61,7 +103,7 @@ impl Image {
     /// One sentence: where the image was looked for, or why the file is no UF2 for this board.
     pub fn read(model: Model, file: Option<&Path>) -> Result<Self, String> {
         // Twice the flash, because a block of 512 bytes has 256 bytes of it.
-        let most = 2 * model.flash;
+        let most = 2 * u64::from(model.flash.end - model.flash.start);
         let path = file.map_or_else(|| beside_program(model.file), |file| Ok(file.to_owned()))?;
         let mut bytes = Vec::new();
         let read = File::open(&path).and_then(|file| file.take(most + 1).read_to_end(&mut bytes));
@@ -69,7 +111,7 @@ impl Image {
         if bytes.len() as u64 > most {
             return Err(format!("{} is larger than the flash of a {}", path.display(), model.name));
         }
-        check(model, &bytes).map_err(|wrong| format!("{} {wrong}", path.display()))?;
+        check(&model, &bytes).map_err(|wrong| format!("{} {wrong}", path.display()))?;
         Ok(Self { model, path, bytes })
     }
 
@@ -107,7 +149,7 @@ fn beside_program(image: &str) -> Result<PathBuf, String> {
 ///
 /// # Errors
 /// The rest of a sentence about the file.
-fn check(Model { name, family: own, .. }: Model, bytes: &[u8]) -> Result<(), String> {
+fn check(Model { name, family: own, flash, ram, .. }: &Model, bytes: &[u8]) -> Result<(), String> {
     const BLOCK: usize = 512;
     const MAGIC: [u32; 2] = [0x0A32_4655, 0x9E5D_5157];
     const LAST_MAGIC: u32 = 0x0AB1_6F30;
@@ -130,10 +172,25 @@ fn check(Model { name, family: own, .. }: Model, bytes: &[u8]) -> Result<(), Str
             return Err(format!("is damaged: its block {number} is not one of a UF2"));
         }
         let family = (word(block, 8) & HAS_FAMILY != 0).then(|| word(block, 28));
-        if family != Some(own) {
+        if family != Some(*own) {
             let family = family.map_or("none".to_owned(), |family| format!("{family:#010x}"));
             return Err(format!(
                 "is a UF2 for another chip: its family is {family}, that of a {name} is {own:#010x}"
+            ));
+        }
+        let (at, size) = (word(block, 12), word(block, 16));
+        let end = at.saturating_add(size);
+        let is_in = |memory: &Range<u32>| memory.start <= at && end <= memory.end;
+        if !is_in(flash) && !is_in(ram) {
+            return Err(format!(
+                "does not fit a {name}: its block {number} has the addresses {at:#010x} to {end:#010x}, the flash has {:#010x} to \
+                 {:#010x}, and the RAM {:#010x} to {:#010x}",
+                flash.start, flash.end, ram.start, ram.end
+            ));
+        }
+        if flash.contains(&at) != flash.contains(&word(first, 12)) {
+            return Err(format!(
+                "is for the flash and the RAM of a {name}, and its boot loader takes a UF2 for one of them"
             ));
         }
     }
@@ -188,7 +245,7 @@ impl Places {
         mut pause: impl FnMut(),
     ) -> Result<Disk, String> {
         let name = model.name;
-        let place = match (self.find(model)?, board) {
+        let place = match (self.find(&model)?, board) {
             (Some(disk), None) => return Ok(disk),
             (Some(disk), Some(_)) => {
                 let folder = disk.folder.display();
@@ -199,13 +256,13 @@ impl Places {
             (None, Some(place)) => place.clone(),
             (None, None) => self.running_board(name)?,
         };
-        let place = board::start_boot_loader(&self.ports, &place);
-        let place = place.map_err(|why| format!("{why}; to flash it, unplug it, and {BOOTSEL}"))?;
+        let place = board::start_boot_loader(&self.ports, &place, model.board);
+        let place = place.map_err(|why| model.not_started(why))?;
         asked(&place);
         // At first the disk may be there, but not mounted.
         let mut found = Ok(None);
         for _ in 0..LOOKS {
-            found = self.find(model);
+            found = self.find(&model);
             if let Ok(Some(disk)) = found {
                 return Ok(disk);
             }
@@ -236,7 +293,7 @@ impl Places {
     ///
     /// # Errors
     /// One sentence that says what to do: mount a disk, unplug a board.
-    fn find(&self, Model { name, disk: label, .. }: Model) -> Result<Option<Disk>, String> {
+    fn find(&self, Model { name, disk: label, .. }: &Model) -> Result<Option<Disk>, String> {
         let disks: Vec<(Disk, String)> =
             self.disks().into_iter().filter_map(|disk| disk.board().map(|board| (disk, board))).collect();
         let mut own: Vec<&Disk> =
@@ -476,7 +533,7 @@ mod tests {
     fn a_file_that_is_no_uf2_for_a_pico_is_refused() {
         let scratch = Scratch::new("wrong");
         let whole = uf2(3);
-        assert_eq!(check(PICO, &whole), Ok(()));
+        assert_eq!(check(&PICO, &whole), Ok(()));
         let with = |at: usize, byte: u8| {
             let mut wrong = whole.clone();
             wrong[at] = byte;
@@ -506,6 +563,40 @@ mod tests {
         assert!(said.ends_with("none.uf2: No such file or directory (os error 2)"), "{said}");
     }
 
+    /// 2 MiB of flash from 0x10000000 on, and 264 KiB of RAM from 0x20000000 on (RP2040 Datasheet, 2.6).
+    #[test]
+    fn a_uf2_for_other_addresses_is_refused() {
+        let with = |addresses: &[u32], size: u32| {
+            let mut bytes = uf2(addresses.len() as u8);
+            for (block, address) in bytes.chunks_mut(512).zip(addresses) {
+                block[12..16].copy_from_slice(&address.to_le_bytes());
+                block[16..20].copy_from_slice(&size.to_le_bytes());
+            }
+            check(&PICO, &bytes)
+        };
+        for right in [[0x1000_0000, 0x101F_FF00], [0x2000_0000, 0x2004_1F00]] {
+            assert_eq!(with(&right, 256), Ok(()));
+        }
+        let memory = "the flash has 0x10000000 to 0x10200000, and the RAM 0x20000000 to 0x20042000";
+        for (wrong, size, block) in [
+            ([0x1000_0000, 0x1020_0000], 256, "block 1 has the addresses 0x10200000 to 0x10200100"),
+            ([0x1000_0000, 0x101F_FF00], 476, "block 1 has the addresses 0x101fff00 to 0x102000dc"),
+            ([0x0800_0000, 0x1000_0000], 256, "block 0 has the addresses 0x08000000 to 0x08000100"),
+            ([0x2004_2000, 0x2000_0000], 256, "block 0 has the addresses 0x20042000 to 0x20042100"),
+            ([0xFFFF_FF80, 0x2000_0000], 256, "block 0 has the addresses 0xffffff80 to 0xffffffff"),
+        ] {
+            assert_eq!(with(&wrong, size), Err(format!("does not fit a Pico: its {block}, {memory}")));
+        }
+        assert_eq!(
+            with(&[0x1000_0000, 0x2000_0000], 256),
+            Err("is for the flash and the RAM of a Pico, and its boot loader takes a UF2 for one of them"
+                .to_owned())
+        );
+        let mut large = uf2(1);
+        (large[14], large[28]) = (0x3F, 0x59);
+        assert_eq!(check(&PICO_2, &large), Ok(()), "a Pico 2 has 4 MiB of flash");
+    }
+
     #[test]
     fn a_pico_2_has_a_file_and_a_disk_of_its_own() {
         let scratch = Scratch::new("pico-2");
@@ -522,10 +613,10 @@ mod tests {
         assert_eq!(said.matches("/drivetwin-pico2.uf2").count(), 3, "{said}");
 
         let other = scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
-        let said = scratch.places().find(PICO_2).unwrap_err();
+        let said = scratch.places().find(&PICO_2).unwrap_err();
         assert!(said.contains(&format!("{}", other.display())) && said.ends_with("for a Pico 2"), "{said}");
         let folder = scratch.disk("Volumes/RP2350", "RP2350");
-        let disk = scratch.places().find(PICO_2).unwrap().unwrap();
+        let disk = scratch.places().find(&PICO_2).unwrap().unwrap();
         assert_eq!(disk.folder(), folder);
         let taken = disk.flash_with(&image, |_| (), || drop(fs::remove_file(folder.join(INFO))));
         assert_eq!(taken, Ok(()));
@@ -549,13 +640,13 @@ mod tests {
         let escaped = folder.display().to_string().replace(' ', "\\040");
         scratch.file("mounts", format!("proc /proc proc rw 0 0\n/dev/sdx1 {escaped} vfat rw,nosuid 0 0\n"));
         let disk = Disk { folder, device: Some("/dev/sdx1".into()) };
-        assert_eq!(scratch.places().find(PICO), Ok(Some(disk)));
+        assert_eq!(scratch.places().find(&PICO), Ok(Some(disk)));
 
         let scratch = Scratch::new("volume");
         let folder = scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
         fs::create_dir_all(scratch.0.join("Volumes/Macintosh HD")).unwrap();
         let disk = Disk { folder, device: None };
-        assert_eq!(scratch.places().find(PICO), Ok(Some(disk.clone())));
+        assert_eq!(scratch.places().find(&PICO), Ok(Some(disk.clone())));
         // No board is asked.
         assert_eq!(scratch.places().disk(PICO, None, |place| panic!("{place} was asked")), Ok(disk));
     }
@@ -564,7 +655,7 @@ mod tests {
     fn without_the_disk_it_is_said_what_to_do() {
         let scratch = Scratch::new("none");
         let places = scratch.places();
-        assert_eq!(places.find(PICO), Ok(None));
+        assert_eq!(places.find(&PICO), Ok(None));
         let disk = || places.disk(PICO, None, |place| panic!("{place} was asked")).unwrap_err();
         assert_eq!(disk(), format!("no Pico is in its boot loader: {HOLD}"));
 
@@ -583,7 +674,7 @@ mod tests {
         let device = fs::canonicalize(device).unwrap();
         let device = device.display();
         assert_eq!(
-            places.find(PICO),
+            places.find(&PICO),
             Err(format!(
                 "the disk of the boot loader, {device}, is not mounted: mount it, for example with `udisksctl mount -b \
                  {device}`, and try again"
@@ -593,17 +684,17 @@ mod tests {
         let folder = scratch.disk("Volumes/RP2350", "RP2350");
         let folder = folder.display();
         assert_eq!(
-            places.find(PICO),
+            places.find(&PICO),
             Err(format!(
                 "the boot loader at {folder} is that of a board RP2350, and the image is for a Pico"
             ))
         );
 
         scratch.disk("Volumes/RPI-RP2", "RPI-RP2");
-        assert!(places.find(PICO).is_ok());
+        assert!(places.find(&PICO).is_ok());
         scratch.disk("Volumes/RPI-RP2 1", "RPI-RP2");
         assert_eq!(
-            places.find(PICO),
+            places.find(&PICO),
             Err("2 boards are in their boot loaders: leave one of them plugged in".to_owned())
         );
     }
@@ -698,7 +789,39 @@ mod tests {
         let said = ask(&Fake::new(other, 1));
         assert!(said.contains(" has version 9 of the control protocol, and this drivetwin has 1;"), "{said}");
         let said = ask(&Fake::new(|_, _, _| Act::Send(Vec::new()), 1));
-        assert!(said.starts_with("there is no board at tcp:127.0.0.1:"), "{said}");
+        assert!(said.starts_with("the board at tcp:127.0.0.1:") && said.contains(" is in use"), "{said}");
+    }
+
+    #[test]
+    fn a_board_of_another_model_goes_on() {
+        let scratch = Scratch::new("other");
+        for (board, model, expected) in [
+            (
+                "pico2",
+                PICO,
+                " is a Pico 2, and not a Pico: use `drivetwin flash pico2`, or name another board".to_owned(),
+            ),
+            (
+                "pico",
+                PICO_2,
+                " is a Pico, and not a Pico 2: use `drivetwin flash pico`, or name another board".to_owned(),
+            ),
+            (
+                "black-pill",
+                PICO,
+                " says that it is a board black-pill, and not a Pico: name another board".to_owned(),
+            ),
+            ("", PICO_2, format!(" does not say whether it is a Pico 2; to flash it, unplug it, and {HOLD}")),
+        ] {
+            let act = move |_, number, call: Call<'_>| match call {
+                Call::Hello => Act::Send(answer(number, Ok(Answer::Hello(Hello { board, ..hello("md3") })))),
+                _ => panic!("{call:?} may stop the drive"),
+            };
+            let fake = Fake::new(act, 1);
+            let never = || panic!("nothing is waited for");
+            let said = scratch.places().disk_with(model, Some(&fake.place), |_| never(), never).unwrap_err();
+            assert!(said.starts_with("the board at tcp:127.0.0.1:") && said.ends_with(&expected), "{said}");
+        }
     }
 
     #[test]

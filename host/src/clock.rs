@@ -4,6 +4,7 @@ use std::time::{Duration as WallSpan, Instant as WallInstant};
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
+use rustix::time::{ClockId, clock_gettime};
 
 /// Bench time derived from the wall clock: when the wall clock showed `wall`, the bench time was `bench`.
 pub(crate) struct Clock {
@@ -47,6 +48,37 @@ pub(crate) fn wall() -> WallInstant {
     WallInstant::now()
 }
 
+/// Time of the computer.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Now {
+    /// Time of the wall clock, which stands still while the computer is suspended.
+    pub(crate) wall: WallInstant,
+    /// Time since the computer was started, also while it was suspended.
+    pub(crate) since_boot: WallSpan,
+}
+
+impl Now {
+    /// Time that has passed since `before`, also while the computer was suspended.
+    pub(crate) fn since(self, before: Self) -> WallSpan {
+        self.since_boot.saturating_sub(before.since_boot)
+    }
+
+    /// Returns true if the computer was suspended since `before`.
+    pub(crate) fn was_suspended_since(self, before: Self) -> bool {
+        let awake = self.wall.saturating_duration_since(before.wall);
+        self.since(before) > awake + AT_ONCE
+    }
+}
+
+/// Longest time between the two reads of one [`Now`] that is no suspension.
+const AT_ONCE: WallSpan = WallSpan::from_millis(500);
+
+/// Time of the computer now.
+pub(crate) fn now() -> Now {
+    let since_boot = WallSpan::try_from(clock_gettime(ClockId::Boottime)).unwrap_or_default();
+    Now { wall: wall(), since_boot }
+}
+
 /// Sleeps, where only a look again can tell what has happened meanwhile.
 #[expect(clippy::disallowed_methods, reason = "only this file sleeps")]
 pub(crate) fn sleep(span: WallSpan) {
@@ -56,6 +88,21 @@ pub(crate) fn sleep(span: WallSpan) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_suspension_is_told_from_time_that_passes() {
+        let start = now();
+        let after = |awake: u64, asleep: u64| Now {
+            wall: start.wall + WallSpan::from_secs(awake),
+            since_boot: start.since_boot + WallSpan::from_secs(awake + asleep),
+        };
+        assert!(!after(3_600, 0).was_suspended_since(start));
+        assert!(after(1, 60).was_suspended_since(start));
+        assert!(!after(2, 60).was_suspended_since(after(1, 60)));
+        assert_eq!(after(1, 60).since(start), WallSpan::from_secs(61));
+        let later = now();
+        assert!(later.since_boot >= start.since_boot && later.wall >= start.wall);
+    }
 
     #[test]
     fn a_clock_shows_bench_time_and_wakes_no_tick_early() {

@@ -14,6 +14,7 @@ use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_sim::bench::{Bench, Bus, DriveId, EarlyRequests, IdleRun, StartingRequests};
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::decode;
+use drivetwin_sim::record::trace::Event;
 use rustix::event::EventfdFlags;
 use tokio::sync::{oneshot, watch};
 use tracing::{Level, enabled, error, info, warn};
@@ -340,13 +341,20 @@ impl EventLoop {
         Ok(())
     }
 
-    /// Executes the submitted jobs that are left, and moves the clock to `at`, until which a board has reported everything.
-    pub(crate) fn catch_up_with_board(&mut self, at: Instant) {
+    /// Executes the submitted jobs that are left.
+    pub(crate) fn do_jobs(&mut self) {
         self.inbox.jobs.collect();
         while let Some(job) = self.inbox.jobs.next() {
             job(self)();
         }
-        self.bench.report_time(at);
+    }
+
+    /// Records that events of a drive on a board may be missing now.
+    pub(crate) fn report_missing(&mut self, name: &str) {
+        let at = self.bench_time(wall());
+        if let Some(drive) = self.bench.find_drive(name) {
+            self.bench.report(drive, at, Event::Missing { events: None });
+        }
     }
 
     /// Completes recordings that wait for reports of boards, at the present time.

@@ -129,7 +129,7 @@ pub struct Kind {
     pub kind: String,
 }
 
-/// The kind that a board is now.
+/// The kind that a drive is now.
 #[derive(Serialize, ToSchema)]
 pub struct Kinds {
     /// Name of the kind.

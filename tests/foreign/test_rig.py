@@ -4,6 +4,7 @@ import json
 import os
 import re
 import select
+import signal
 import socket
 import subprocess
 import time
@@ -160,6 +161,9 @@ def test_each_drive_refuses_only_what_it_cannot_do(rack):
     assert refusal(rack, "GET", "/api/drives/a/received")[0] == 409
     status, sentence = refusal(rack, "PUT", "/api/drives/a/kind", {"kind": "qsb-d"})
     assert (status, sentence.split(";")[0]) == (409, "a stays of the kind md3 while its bench runs")
+    # Each is an MD3 already.
+    for name in "ax":
+        assert rack.call("PUT", f"/api/drives/{name}/kind", {"kind": "md3"}) == {"kind": "md3", "kinds": ["md3"]}
 
 
 def test_one_recording_has_the_events_of_all_drives_in_order(rack, tmp_path):
@@ -228,8 +232,34 @@ def test_a_board_goes_away_and_comes_back_while_the_bench_goes_on(rack, boards):
     text = trace(rack)
     assert [name for _, name, _ in edges(text)] == ["a", "b", "x", "y", "x", "a"]
     assert before - EXACT <= edges(text)[-1][0] <= rack.seconds()
-    assert len(re.findall(r"^# .* events may be missing here$", text, re.M)) == 3
+    # From each first session on; for `a` also when it goes away and is back.
+    assert sorted(missing(text)) == ["a", "a", "a", "b"]
     assert times(text) == sorted(times(text))
+
+
+def missing(text):
+    """The drives whose events may be missing, in the order of the recording."""
+    return re.findall(r"^# [0-9.]+ (\w): events may be missing here$", text, re.M)
+
+
+def test_a_recording_that_ends_without_a_board_says_so(rack, boards, tmp_path):
+    file = tmp_path / "away.trace"
+    rack = rack("--record", file)
+    boards[0].switch_off()
+    until(lambda: rack.call("GET", "/api/bench")["boards"][0]["away"], "the board is not missed")
+    # A board that is silent is not missed yet.
+    boards[1].process.send_signal(signal.SIGSTOP)
+    assert rack.stop() == 0, rack.said()
+    assert sorted(missing(file.read_text())) == ["a", "a", "b", "b"]
+
+
+def test_a_board_that_another_program_uses_is_in_use(rack, boards, tmp_path):
+    rack()
+    file = tmp_path / "second.toml"
+    place = f"tcp:{boards[0].control}"
+    file.write_text(f"[[drive]]\nname = 'c'\nboard = '{place}'\n")
+    said = f"{file}: board of c: the board at {place} is in use by another program, or there is none: it does not answer"
+    assert run_wrong(file) == said
 
 
 def test_live_events_are_those_of_all_drives(rack):
@@ -302,6 +332,9 @@ def test_errors_say_what_is_wrong_and_change_no_file(boards, tmp_path):
     twice = f"tcp:{boards[0].control} is already the board of 'c'; a board is one drive"
     assert run_wrong(file, *record) == f"{file}: line 6, column 9: {twice}"
     # The same board by another name of its place.
+    other = boards[0].control.replace("127.0.0.1", "localhost")
+    file.write_text(f"{board}[[drive]]\nname = 'd'\nboard = 'tcp:{other}'\n")
+    assert run_wrong(file, *record) == f"{file}: board of d: tcp:{other} is the board of c, too; a board is one drive"
     link = tmp_path / "link"
     link.symlink_to("/dev/null")
     file.write_text(f"[[drive]]\nname = 'c'\nboard = '{link}'\n")

@@ -15,7 +15,7 @@ pub(crate) fn flash(options: &Flash) -> Result<(), String> {
         Board::Pico => PICO,
         Board::Pico2 => PICO_2,
     };
-    let image = Image::read(model, options.image.as_deref())?;
+    let image = Image::read(model.clone(), options.image.as_deref())?;
     let disk = Places::default().disk(model, options.device.as_ref(), |place| {
         // The copy goes on, also if nobody reads.
         let _ = print(&format!("the board at {place} starts its boot loader\n"));

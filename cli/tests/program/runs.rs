@@ -23,6 +23,8 @@ fn an_error_in_options_is_one_sentence() {
     std::fs::write(&file, "something").unwrap();
     let linked = format!("pty:{file}");
     let both = in_a_file.file("both");
+    let boards = in_a_file.file("boards.toml");
+    std::fs::write(&boards, "[[drive]]\nname = 'b'\nboard = 'usb:E661'\n").unwrap();
     for (arguments, told) in [
         (
             vec![],
@@ -95,6 +97,10 @@ fn an_error_in_options_is_one_sentence() {
             "--strict: mdrive has no Modbus line, where frames need a silence of t3.5",
         ),
         (vec!["run", "qsb-d", "--strict"], "--strict: qsb-d has no Modbus line"),
+        (
+            vec!["run", &boards, "--fast-boot"],
+            "boards.toml has no emulated drive; the image of a board has a start-up delay, or has none",
+        ),
         (vec!["check", "md3"], "'md3' is not a bench file"),
         (vec!["check", "/nowhere/x.toml"], "/nowhere/x.toml: No such file"),
         (vec!["run", "-"], "standard input: line 1, column 1: a bench needs a [[drive]]"),

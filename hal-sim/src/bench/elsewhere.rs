@@ -565,6 +565,22 @@ mod tests {
             .collect()
     }
 
+    #[test]
+    fn missing_events_name_their_drive_if_there_are_several() {
+        let (mut bench, [_, a, b]) = rack();
+        let at = |ms: u64| Instant::ZERO + ms.millis();
+        bench.run_until(at(3_000));
+        bench.report(b, at(2_900), Event::Missing { events: Some(1) });
+        bench.report(a, at(2_950), Event::Missing { events: None });
+        bench.complete_recordings();
+        let text = bench.trace().to_text();
+        let comments: Vec<&str> = text.lines().filter(|line| line.starts_with("# 2")).collect();
+        assert_eq!(
+            comments,
+            ["# 2900.000000 b: an event is missing here", "# 2950.000000 a: events may be missing here"]
+        );
+    }
+
     /// BENCH-23.
     #[test]
     fn events_of_drives_elsewhere_and_here_are_in_the_order_of_their_times() {

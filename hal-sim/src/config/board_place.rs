@@ -27,6 +27,7 @@ impl FromStr for BoardPlace {
         let wrong = || "it takes the path of a serial port, usb:SERIAL or tcp:HOST:PORT".to_owned();
         match text.split_once(':') {
             Some(("usb", serial)) if !serial.is_empty() => Ok(Self::Usb(serial.into())),
+            None if text == "usb" => Err("it needs the USB serial number of the board, usb:SERIAL".into()),
             Some(("tcp", address)) if is_host_and_port(address) => Ok(Self::Tcp(address.into())),
             Some(("serial", path)) if !path.is_empty() => Ok(Self::Port(path.into())),
             Some(("usb" | "tcp" | "serial", _)) => Err(wrong()),
@@ -97,6 +98,8 @@ mod tests {
         assert_eq!(place("serial:/dev/ttyACM1"), Ok(BoardPlace::Port("/dev/ttyACM1".into())));
         assert_eq!(place("usb:E661"), Ok(BoardPlace::Usb("E661".into())));
         assert_eq!(place("tcp:localhost:5000"), Ok(BoardPlace::Tcp("localhost:5000".into())));
+        let no_serial = "it needs the USB serial number of the board, usb:SERIAL";
+        assert_eq!(place("usb"), Err(no_serial.to_owned()));
         for wrong in ["", "usb:", "tcp:", "tcp:5000", "serial:"] {
             assert!(place(wrong).is_err(), "{wrong}");
         }

@@ -1,4 +1,4 @@
-//! Calls that are for boards: the kind of drive, and the saved memory.
+//! The kind of drive, which a board can change, and the saved memory.
 
 use axum::Json;
 use axum::body::Bytes;
@@ -14,10 +14,10 @@ use super::problem::Problem;
 use drivetwin_panel::requests::{Kind, Kinds};
 
 /// Makes a board a drive of another kind, now and after its own power-on. The response comes when the board has started
-/// again.
+/// again. A drive that is of this kind already goes on.
 #[utoipa::path(put, path = "/api/drives/{name}/kind", request_body = Kind, responses(
     (status = 200, body = Kinds),
-    (status = 409, description = "The drive is not on a board, the board cannot be a drive of this kind, or its bench has other drives.", body = Problem,
+    (status = 409, description = "The drive is not on a board and of another kind, the board cannot be a drive of this kind, or its bench has other drives.", body = Problem,
         content_type = "application/problem+json"),
 ))]
 pub(super) async fn kind(
@@ -28,8 +28,11 @@ pub(super) async fn kind(
     if !api.boards.contains_key(&name) {
         return api
             .call(move |event_loop| {
-                find_drive(event_loop, &name)?;
+                let drive = find_drive(event_loop, &name)?;
                 catalog::make(&kind).map_err(Problem::not_found)?;
+                if event_loop.bench.spec(drive).kind == kind {
+                    return Ok(Json(Kinds { kinds: vec![kind.clone()], kind }));
+                }
                 Err(Problem::conflict(format!(
                     "{name} is emulated here, and only a board can become a drive of another kind; run {kind}"
                 )))

@@ -71,6 +71,8 @@ pub(super) struct ReceivedEvent {
 pub(super) struct Lost {
     /// Number of events that a slow reader has missed, or that a board could not send; null if it is unknown.
     events: Option<u64>,
+    /// The drive on a board whose events are missing; null if the reader was too slow.
+    drive: Option<String>,
 }
 
 /// Live events, as server-sent events: `fed` (input of a drive) or `did` (output of a drive) with a `Happened` as `data`,
@@ -192,17 +194,23 @@ impl Reader {
     fn take(&mut self, piece: Piece) {
         if piece.lost > 0 {
             let id = self.mark + piece.lost;
-            self.ready.extend(event("lost", (id, self.received), &Lost { events: Some(piece.lost) }));
+            self.ready.extend(event(
+                "lost",
+                (id, self.received),
+                &Lost { events: Some(piece.lost), drive: None },
+            ));
         }
         let received = self.received;
         self.ready.extend(piece.entries.iter().filter_map(|(id, entry)| {
+            let drive = self.outline.drives.get(entry.drive)?.name.clone();
             let kind = match entry.event {
                 trace::Event::Input(_) => "fed",
                 trace::Event::Output(_) => "did",
-                trace::Event::Missing { events } => return event("lost", (*id, received), &Lost { events }),
+                trace::Event::Missing { events } => {
+                    return event("lost", (*id, received), &Lost { events, drive: Some(drive) });
+                }
                 trace::Event::Shaft { .. } | trace::Event::Received(_) => return None,
             };
-            let drive = self.outline.drives.get(entry.drive)?.name.clone();
             let words = self.outline.words(entry);
             event(kind, (*id, received), &Happened { seconds: seconds(entry.at), drive, words })
         }));

@@ -27,6 +27,8 @@ pub(super) struct Hello {
     pub(super) image: String,
     pub(super) tables: u16,
     pub(super) fast_boot: bool,
+    /// Name of the board for `drivetwin flash`; empty if its image does not say it.
+    pub(super) board: String,
 }
 
 impl From<Answer<'_>> for Answered {
@@ -39,6 +41,7 @@ impl From<Answer<'_>> for Answered {
                 image: hello.image.to_owned(),
                 tables: hello.tables,
                 fast_boot: hello.fast_boot,
+                board: hello.board.to_owned(),
             }),
             Answer::State(state) => Self::State(state),
             Answer::Value(value) => Self::Value(value),

@@ -10,7 +10,7 @@ use std::io;
 use std::mem;
 use std::ops::ControlFlow;
 use std::os::fd::OwnedFd;
-use std::sync::atomic::{AtomicBool, AtomicU16, Ordering};
+use std::sync::atomic::{AtomicU16, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -20,15 +20,16 @@ use drivetwin_control::{Call, Events, Message, State, VERSION, fingerprint};
 use drivetwin_firmware::device::{Duration as Span, Instant, Line, Spec};
 use drivetwin_sim::catalog;
 use drivetwin_sim::record::trace::Event;
-use rustix::event::{EventfdFlags, PollFd, PollFlags};
+use rustix::event::{EventfdFlags, PollFlags};
 use tracing::{info, warn};
 
 use super::answer::{AnswerTo, Answered, Failure, Hello, reply};
 use super::board_clock::Seen;
-use super::link::{self, Link, frame};
+use super::flash_again;
+use super::link::{Link, Stop, frame};
 use super::place::Target;
 use super::report;
-use crate::clock::wall;
+use crate::clock::{Now, now, wall};
 
 /// Longest wait for an answer. The save of a board takes some hundredths of a second.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -56,7 +57,12 @@ pub(crate) enum Report {
     /// The board was at this time.
     At(Seen),
     /// The board is gone; a session may follow.
-    Gone,
+    Gone {
+        /// Time of the last report.
+        last: Instant,
+        /// Wall time at which the last message has come.
+        received: WallInstant,
+    },
 }
 
 /// Function that takes reports.
@@ -82,6 +88,8 @@ pub(crate) struct Session {
     pub(crate) image: String,
     /// True if the drive starts without its start-up delay.
     pub(crate) fast_boot: bool,
+    /// Name of the board for `drivetwin flash`; empty if its image does not say it.
+    pub(super) board: String,
     /// Settings of the bus when the session began.
     pub(crate) line: Option<Line>,
     /// Ticks that the time of the board is behind: it begins with 0 whenever the board starts.
@@ -106,7 +114,7 @@ pub(super) struct Shared {
     jobs: Mutex<Sender<Job>>,
     waker: OwnedFd,
     next_number: AtomicU16,
-    ends: AtomicBool,
+    stop: Stop,
 }
 
 /// The session, or the reason why there is none, in one sentence.
@@ -164,10 +172,32 @@ impl Shared {
     /// # Errors
     /// The board refuses it, or the session is over.
     pub(super) fn ask(&self, session: u64, call: Call<'_>) -> Result<Answered, Failure> {
+        self.begin(session, call)?
+            .recv()
+            .unwrap_or_else(|_| Err(Failure::Away("the board is no longer attached".into())))
+    }
+
+    /// Makes a call in a session, and waits for its answer for a time.
+    ///
+    /// # Errors
+    /// The board refuses it or does not answer in time, or the session is over.
+    pub(super) fn ask_within(
+        &self,
+        session: u64,
+        call: Call<'_>,
+        span: Duration,
+    ) -> Result<Answered, Failure> {
+        self.begin(session, call)?
+            .recv_timeout(span)
+            .unwrap_or_else(|_| Err(Failure::Away("the board does not answer in time".into())))
+    }
+
+    /// Begins a call in a session. Returns where its answer comes.
+    fn begin(&self, session: u64, call: Call<'_>) -> Result<Receiver<Result<Answered, Failure>>, Failure> {
         let number = FIRST + self.next_number.fetch_add(1, Ordering::Relaxed) % (u16::MAX - FIRST);
         let (answer, answered) = mpsc::sync_channel(1);
         self.submit(Job::Call { session, number, frame: frame(number, call)?, answer });
-        answered.recv().unwrap_or_else(|_| Err(Failure::Away("the board is no longer attached".into())))
+        Ok(answered)
     }
 
     /// Lets the thread connect the board again.
@@ -184,8 +214,7 @@ pub(super) struct Client {
 
 impl Drop for Client {
     fn drop(&mut self) {
-        self.shared.ends.store(true, Ordering::Release);
-        let _ = rustix::io::write(&self.shared.waker, &1_u64.to_ne_bytes());
+        self.shared.stop.stop();
         if let Some(thread) = self.thread.take() {
             // A thread that has panicked has ended, too.
             let _ = thread.join();
@@ -202,7 +231,8 @@ impl Client {
         let waker = rustix::event::eventfd(0, EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK);
         let waker = waker.map_err(|error| format!("an event descriptor cannot be created: {error}"))?;
         let first = if let Wanted::Kept(kind) = wanted { kind } else { None };
-        let (link, session, state, seen) = open(&mut target, first, 1, (0, Instant::ZERO))?;
+        let stop = Stop::new()?;
+        let (link, session, state, seen) = open(&mut target, &stop, first, 1, (0, Instant::ZERO))?;
         let kind = matches!(wanted, Wanted::Kept(_)).then_some(session.spec.kind);
         let (jobs, from) = mpsc::channel();
         let shared = Arc::new(Shared {
@@ -212,7 +242,7 @@ impl Client {
             jobs: Mutex::new(jobs),
             waker,
             next_number: AtomicU16::new(0),
-            ends: AtomicBool::new(false),
+            stop,
         });
         let mut connected = Connected::new(link, session.clone(), state.at);
         sink(Report::Begun(session, state, seen));
@@ -246,18 +276,32 @@ struct Connected {
     link: Link,
     session: Session,
     queue: VecDeque<(u16, Vec<u8>, AnswerTo)>,
-    /// The call that waits for its answer: its number, when patience ends, and where the answer goes; `None` for a
-    /// question about the state.
-    pending: Option<(u16, WallInstant, Option<AnswerTo>)>,
+    /// The call that waits for its answer.
+    pending: Option<Pending>,
     /// Number of the next event; `None` before the first one.
     next_event: Option<u32>,
     /// Time of the last report.
     last: Instant,
-    /// Time of the last message, and of the last state.
-    received: WallInstant,
-    stated: WallInstant,
+    /// Time of the last message, and of the question to which the last state is the answer.
+    received: Now,
+    stated: Now,
     /// Time of the board in its last state.
     at: u64,
+}
+
+/// A call that waits for its answer.
+struct Pending {
+    number: u16,
+    asked: Now,
+    /// Where the answer goes; `None` for a question about the state.
+    answer: Option<AnswerTo>,
+}
+
+impl Pending {
+    /// Wall time at which patience ends.
+    fn until(&self) -> WallInstant {
+        self.asked.wall + PATIENCE
+    }
 }
 
 /// The base of a session that has ended, and the time of its last report.
@@ -280,8 +324,8 @@ impl Connected {
             pending: None,
             next_event: None,
             last,
-            received: wall(),
-            stated: wall(),
+            received: now(),
+            stated: now(),
             at,
         }
     }
@@ -308,28 +352,25 @@ impl Connected {
         if self.pending.is_some() {
             return Ok(());
         }
-        let now = wall();
+        let asked = now();
         if let Some((number, frame, answer)) = self.queue.pop_front() {
-            self.pending = Some((number, now + PATIENCE, Some(answer)));
+            self.pending = Some(Pending { number, asked, answer: Some(answer) });
             return self.link.write(&frame);
         }
-        if now >= self.question() {
-            self.pending = Some((OWN, now + PATIENCE, None));
+        if asked.wall >= question(asked, self.received, self.stated) {
+            self.pending = Some(Pending { number: OWN, asked, answer: None });
             let Ok(frame) = frame(OWN, Call::State) else { return Ok(()) };
             return self.link.write(&frame);
         }
         Ok(())
     }
 
-    /// Time of the next question about the state.
-    fn question(&self) -> WallInstant {
-        (self.received + QUIET).min(self.stated + STATED)
-    }
-
     /// Time until something must be done without a message.
     fn patience(&self) -> Duration {
-        let until = self.pending.as_ref().map_or(self.question(), |(_, until, _)| *until);
-        until.saturating_duration_since(wall())
+        let now = now();
+        let question = || question(now, self.received, self.stated);
+        let until = self.pending.as_ref().map_or_else(question, Pending::until);
+        until.saturating_duration_since(now.wall)
     }
 
     /// Takes messages, and passes reports to `sink`.
@@ -338,27 +379,26 @@ impl Connected {
     /// The port is gone, or the board has started again.
     fn receive(&mut self, sink: &mut Sink) -> io::Result<()> {
         let Self { link, session, pending, next_event, last, received, stated, at, .. } = self;
-        // The time that has passed since the last message, and more than a clock can be wrong.
-        let passed =
-            u64::try_from(wall().saturating_duration_since(*received).as_micros()).unwrap_or(u64::MAX);
-        let latest = *last + Span::micros(passed) + AHEAD;
+        let latest = latest(*last, now().since(*received));
         let mut events: Vec<(Instant, Event)> = Vec::new();
         let (mut states, mut restarted) = (Vec::new(), false);
         link.read(|message| {
-            *received = wall();
+            *received = now();
             if let Message::Events(of) = message {
                 take_events(session, of, latest, next_event, &mut events);
             }
             let Some((number, answer)) = reply(&message) else { return ControlFlow::Continue(()) };
             // An answer that comes too late belongs to nobody.
-            let Some((_, until, to)) = pending.take_if(|(expected, ..)| *expected == number) else {
+            let Some(Pending { asked, answer: to, .. }) =
+                pending.take_if(|expected| expected.number == number)
+            else {
                 return ControlFlow::Continue(());
             };
             if let Ok(Answered::State(state)) = &answer {
                 restarted |= state.at < *at;
-                (*at, *stated) = (state.at, wall());
-                let asked = until.checked_sub(PATIENCE).unwrap_or(until);
-                states.push(Seen { at: session.time(state.at), asked, answered: *stated });
+                (*at, *stated) = (state.at, asked);
+                let at = session.time(state.at);
+                states.push(Seen { at, asked: asked.wall, answered: received.wall });
             }
             if let Some(to) = to {
                 let _ = to.send(answer);
@@ -371,7 +411,7 @@ impl Connected {
         let times = events.iter().map(|(at, _)| *at).chain(states.iter().map(|seen| seen.at));
         *last = times.max().map_or(*last, |at| at.max(*last));
         if !events.is_empty() {
-            sink(Report::Events(events, *received));
+            sink(Report::Events(events, received.wall));
         }
         states.into_iter().for_each(|seen| sink(Report::At(seen)));
         Ok(())
@@ -379,12 +419,27 @@ impl Connected {
 
     /// Ends the session: no call is answered any more.
     fn end(&mut self, sentence: &str) {
-        let pending = self.pending.take().and_then(|(.., answer)| answer);
+        let pending = self.pending.take().and_then(|pending| pending.answer);
         let queue = mem::take(&mut self.queue).into_iter().map(|(.., answer)| answer);
         for answer in pending.into_iter().chain(queue) {
             let _ = answer.send(Err(Failure::Away(sentence.into())));
         }
     }
+}
+
+/// Wall time of the next question about the state, after a message and a state. A computer that was suspended asks at once,
+/// because the board went on.
+fn question(now: Now, received: Now, stated: Now) -> WallInstant {
+    if now.was_suspended_since(stated) {
+        return now.wall;
+    }
+    (received.wall + QUIET).min(stated.wall + STATED)
+}
+
+/// Latest time that an event can have if `passed` has passed since the last message, with a report at `last`: the board may
+/// be more ahead than a clock can be wrong.
+fn latest(last: Instant, passed: Duration) -> Instant {
+    last + Span::micros(u64::try_from(passed.as_micros()).unwrap_or(u64::MAX)) + AHEAD
 }
 
 /// Takes events from a message, after [`Event::Missing`] if messages were lost on their way. An event after `latest` has a
@@ -409,10 +464,6 @@ fn take_events(
 }
 
 impl Worker {
-    fn ends(&self) -> bool {
-        self.shared.ends.load(Ordering::Acquire)
-    }
-
     fn drain_waker(&self) {
         let _ = rustix::io::read(&self.shared.waker, &mut [0; 8]);
     }
@@ -425,7 +476,7 @@ impl Worker {
                 break error.to_string();
             }
             self.drain_waker();
-            if self.ends() {
+            if self.shared.stop.has_come() {
                 connected.end("the board is no longer attached");
                 return None;
             }
@@ -435,8 +486,7 @@ impl Worker {
                     _ => error.to_string(),
                 };
             }
-            let is_late = |(_, until, _): &(u16, WallInstant, Option<AnswerTo>)| *until <= wall();
-            if connected.pending.as_ref().is_some_and(is_late) {
+            if connected.pending.as_ref().is_some_and(|pending| pending.until() <= wall()) {
                 break "it does not answer".into();
             }
             if !connected.take(&self.from) {
@@ -448,6 +498,8 @@ impl Worker {
             }
         };
         let sentence = format!("the board at {} cannot be reached: {broken}", self.target);
+        // Whoever sees that the board is gone finds this in the recording.
+        (self.sink)(Report::Gone { last: connected.last, received: connected.received.wall });
         self.shared.set(Err(sentence.clone()));
         connected.end(&sentence);
         if is_asked_for {
@@ -455,14 +507,13 @@ impl Worker {
         } else {
             warn!("{sentence}; it is connected again when it is back");
         }
-        (self.sink)(Report::Gone);
         Some((connected.session.base, connected.last))
     }
 
     /// Connects the board again when it is there. Returns `None` if the client ends.
     fn connect_again(&mut self, before: End) -> Option<Connected> {
         loop {
-            match open(&mut self.target, self.shared.kind, self.session + 1, before) {
+            match open(&mut self.target, &self.shared.stop, self.shared.kind, self.session + 1, before) {
                 Ok((link, session, state, seen)) => {
                     self.session += 1;
                     info!("the board at {} is back", self.target);
@@ -475,11 +526,10 @@ impl Worker {
             let until = wall() + RETRY;
             loop {
                 let left = until.saturating_duration_since(wall());
-                let mut waker = [PollFd::new(&self.shared.waker, PollFlags::IN)];
                 // If the system cannot wait, the next attempt comes at once.
-                let _ = link::wait(&mut waker, left);
+                let _ = self.shared.stop.wait(&self.shared.waker, PollFlags::IN, left);
                 self.drain_waker();
-                if self.ends() {
+                if self.shared.stop.has_come() {
                     return None;
                 }
                 for job in self.from.try_iter() {
@@ -502,11 +552,12 @@ impl Worker {
 /// One sentence: there is no board of this version of drivetwin, or it is not of the wanted kind.
 fn open(
     target: &mut Target,
+    stop: &Stop,
     wanted: Option<&str>,
     number: u64,
     (base, last): End,
 ) -> Result<(Link, Session, State, Seen), String> {
-    let (mut link, hello) = greet(target)?;
+    let (mut link, hello) = greet(target, stop)?;
     let spec = check(target, &hello)?;
     if let Some(wanted) = wanted.filter(|wanted| *wanted != spec.kind) {
         return Err(format!(
@@ -532,46 +583,68 @@ fn open(
     let base = if base.saturating_add(state.at) >= last.ticks() { base } else { last.ticks() };
     let began = Instant::from_ticks(base.saturating_add(state.at));
     let seen = Seen { at: began, asked, answered: wall() };
-    let Hello { image, fast_boot, .. } = hello;
-    Ok((link, Session { number, spec, image, fast_boot, line, base, began }, state, seen))
+    let Hello { image, fast_boot, board, .. } = hello;
+    Ok((link, Session { number, spec, image, fast_boot, board, line, base, began }, state, seen))
 }
 
 /// Opens the control port, and learns what board is there.
 ///
 /// # Errors
-/// One sentence: there is no board.
-fn greet(target: &mut Target) -> Result<(Link, Hello), String> {
-    let port = target.open();
-    let link = port.and_then(Link::new);
+/// One sentence: there is no board, or another program uses it.
+fn greet(target: &mut Target, stop: &Stop) -> Result<(Link, Hello), String> {
+    let port = target.open(stop);
+    let link = port.and_then(|port| Link::new(port, stop.clone()));
     let mut link = link.map_err(|error| format!("{target} cannot be opened: {error}"))?;
-    let mut hello = None;
-    for attempt in 1..=ATTEMPTS {
+    let (mut failure, mut is_silent) = (String::new(), false);
+    for _ in 0..ATTEMPTS {
         match link.ask(number_of(Call::Hello), Call::Hello, wall() + GREETED) {
-            Ok(Answered::Hello(of)) => {
-                hello = Some(of);
-                break;
+            Ok(Answered::Hello(hello)) => return Ok((link, hello)),
+            Ok(_) | Err(Failure::Refused(_)) => {
+                (failure, is_silent) = ("it answers something else".into(), false);
             }
-            Ok(_) | Err(Failure::Refused(_)) => {}
-            Err(Failure::Away(why)) if attempt == ATTEMPTS => {
-                return Err(format!("there is no board at {target}: {why}"));
-            }
-            Err(Failure::Away(_)) => {}
+            Err(Failure::Away(why)) => (failure, is_silent) = (why, true),
         }
     }
-    let hello = hello.ok_or_else(|| format!("there is no board at {target}: it answers something else"))?;
-    Ok((link, hello))
+    // A server has one connection to each board. It closes a second one, or lets it wait.
+    Err(if is_silent && target.is_tcp() {
+        format!("the board at {target} is in use by another program, or there is none: {failure}")
+    } else {
+        format!("there is no board at {target}: {failure}")
+    })
 }
 
-/// Starts the boot loader of a board.
+/// Reason why a boot loader has not been started.
+pub(crate) enum NotStarted {
+    /// The board is another one than the user has named.
+    Other {
+        /// Text of its place.
+        place: String,
+        /// Its name for `drivetwin flash`; empty if its image does not say it.
+        name: String,
+    },
+    /// Any other reason, in one sentence.
+    Failed(String),
+}
+
+impl From<String> for NotStarted {
+    fn from(sentence: String) -> Self {
+        Self::Failed(sentence)
+    }
+}
+
+/// Starts the boot loader of a board, if it is the one with this name for `drivetwin flash`.
 ///
 /// # Errors
-/// One sentence: there is no board, or it does not start a boot loader.
-pub(super) fn start_boot_loader(target: &mut Target) -> Result<(), String> {
-    let (mut link, hello) = greet(target)?;
+/// There is no board, or another one, or it does not start a boot loader. The drive goes on.
+pub(super) fn start_boot_loader(target: &mut Target, name: &str) -> Result<(), NotStarted> {
+    let (mut link, hello) = greet(target, &Stop::new()?)?;
     same_version(target, &hello)?;
+    if hello.board != name {
+        return Err(NotStarted::Other { place: target.to_string(), name: hello.board });
+    }
     match link.ask(number_of(Call::Bootloader), Call::Bootloader, wall() + PATIENCE) {
         Err(Failure::Refused(_)) => {
-            Err(format!("the board at {target} has no boot loader that it can start"))
+            Err(NotStarted::Failed(format!("the board at {target} has no boot loader that it can start")))
         }
         // The connection breaks when the boot loader starts.
         Ok(_) | Err(Failure::Away(_)) => Ok(()),
@@ -607,7 +680,7 @@ fn same_version(target: &Target, hello: &Hello) -> Result<(), String> {
 /// # Errors
 /// One sentence: the board is of another version of drivetwin.
 fn check(target: &Target, hello: &Hello) -> Result<&'static Spec, String> {
-    let again = "flash it again with `drivetwin flash pico`";
+    let again = flash_again(&hello.board);
     same_version(target, hello).map_err(|why| format!("{why}: {again}"))?;
     let spec = catalog::make(&hello.kind).map(|device| device.spec());
     let spec = spec.map_err(|_| {
@@ -620,4 +693,31 @@ fn check(target: &Target, hello: &Hello) -> Result<&'static Spec, String> {
         return Err(format!("the board at {target} has the tables of another version of drivetwin: {again}"));
     }
     Ok(spec)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A suspended computer: its wall clock stands still, and the board goes on.
+    #[test]
+    fn after_a_suspension_the_events_of_the_board_are_taken_and_its_time_is_asked_for_at_once() {
+        let start = now();
+        let after = |awake: u64, asleep: u64| Now {
+            wall: start.wall + Duration::from_millis(awake),
+            since_boot: start.since_boot + Duration::from_millis(awake + asleep),
+        };
+        let last = Instant::ZERO + Span::secs(100);
+        let hour = 3_600_000;
+        // 100 ms after the last message, then a suspension of an hour, or none.
+        let (soon, resumed) = (after(100, 0), after(100, hour));
+        let session_time = |now: Now| latest(last, now.since(start));
+        assert_eq!(session_time(soon), last + Span::millis(100) + AHEAD);
+        assert_eq!(session_time(resumed), last + Span::millis(100 + hour) + AHEAD);
+        assert_eq!(question(soon, start, start), start.wall + QUIET);
+        assert_eq!(question(resumed, start, start), resumed.wall);
+        // A message has come since, but no answer to a question behind the suspension.
+        assert_eq!(question(after(120, hour), resumed, start), after(120, hour).wall);
+        assert_eq!(question(after(130, hour), resumed, resumed), resumed.wall + QUIET);
+    }
 }

@@ -16,7 +16,7 @@ use fixed::types::I48F16;
 
 use super::answer::{Answered, Failure};
 use super::client::{Session, Shared};
-use super::report;
+use super::{flash_again, report};
 
 /// Longest wait for a board that starts again.
 const STARTED: Duration = Duration::from_secs(10);
@@ -28,11 +28,6 @@ pub struct Drive {
     name: Arc<str>,
 }
 
-/// The refusal of an answer that belongs to another call.
-fn confused() -> Refusal {
-    Refusal::Away("the board answers something else; flash it again with `drivetwin flash pico`".into())
-}
-
 impl Drive {
     pub(super) fn new(shared: Arc<Shared>, session: Session, name: Arc<str>) -> Self {
         Self { shared, session, name }
@@ -42,6 +37,17 @@ impl Drive {
     #[cfg(test)]
     pub(super) fn session_number(&self) -> u64 {
         self.session.number
+    }
+
+    /// The refusal of an answer that belongs to another call.
+    fn confused(&self) -> Refusal {
+        let again = flash_again(&self.session.board);
+        Refusal::Away(format!("the board answers something else; {again}"))
+    }
+
+    /// A number of the protocol.
+    fn number(&self, number: usize) -> Result<u16, Refusal> {
+        u16::try_from(number).map_err(|_| self.confused())
     }
 
     fn ask(&self, call: Call<'_>) -> Result<Answered, Refusal> {
@@ -56,7 +62,7 @@ impl Drive {
     fn act(&self, call: Call<'_>) -> Result<(), Refusal> {
         match self.ask(call)? {
             Answered::Done => Ok(()),
-            _ => Err(confused()),
+            _ => Err(self.confused()),
         }
     }
 
@@ -87,7 +93,7 @@ impl Drive {
     fn board_state(&self) -> Result<BoardState, Refusal> {
         match self.ask(Call::State)? {
             Answered::State(state) => Ok(state),
-            _ => Err(confused()),
+            _ => Err(self.confused()),
         }
     }
 
@@ -99,11 +105,23 @@ impl Drive {
         Ok(self.session.time(self.board_state()?.at))
     }
 
+    /// Time of the board, if it answers within `span`.
+    ///
+    /// # Errors
+    /// The board cannot be reached, or does not answer in time.
+    pub(crate) fn now_within(&self, span: Duration) -> Result<Instant, Refusal> {
+        match self.shared.ask_within(self.session.number, Call::State, span) {
+            Ok(Answered::State(state)) => Ok(self.session.time(state.at)),
+            Ok(_) => Err(self.confused()),
+            Err(failure) => Err(self.refusal(failure)),
+        }
+    }
+
     /// Statistics of the board.
     pub(crate) fn statistics(&self) -> Result<Statistics, Refusal> {
         match self.ask(Call::Statistics)? {
             Answered::Statistics(statistics) => Ok(*statistics),
-            _ => Err(confused()),
+            _ => Err(self.confused()),
         }
     }
 
@@ -126,7 +144,7 @@ impl Drive {
         self.session.fast_boot
     }
 
-    /// Kinds of drive that the board can be; its own or none if its image is one kind.
+    /// Kinds of drive that the board can be; only its own if its image is one kind.
     ///
     /// # Errors
     /// The board cannot be reached.
@@ -137,6 +155,9 @@ impl Drive {
                 Answered::Kind(Some(kind)) => kinds.push(kind),
                 _ => break,
             }
+        }
+        if kinds.is_empty() {
+            kinds.push(self.session.spec.kind.to_owned());
         }
         Ok(kinds)
     }
@@ -195,7 +216,7 @@ impl Drive {
             Err(Failure::Refused(Refused::Unknown | Refused::NotHere)) => {
                 let kinds = self.kinds()?;
                 return Err(Refusal::Conflict(match kinds.as_slice() {
-                    [] | [_] => format!(
+                    [_] => format!(
                         "the image of this board is one kind only, {}; flash another image",
                         self.session.spec.kind
                     ),
@@ -248,9 +269,9 @@ impl commands::Drive for Drive {
     }
 
     fn peek(&mut self, row: usize) -> Result<i64, Refusal> {
-        match self.ask(Call::Read { row: number(row)? })? {
+        match self.ask(Call::Read { row: self.number(row)? })? {
             Answered::Value(value) => Ok(value),
-            _ => Err(confused()),
+            _ => Err(self.confused()),
         }
     }
 
@@ -266,9 +287,9 @@ impl commands::Drive for Drive {
         let spec = self.session.spec;
         let mut all: Vec<i64> = Vec::new();
         while all.len() < spec.registers.rows.len() {
-            match self.ask(Call::ReadMany { row: number(all.len())? })? {
+            match self.ask(Call::ReadMany { row: self.number(all.len())? })? {
                 Answered::Values(row, values) if row == all.len() && !values.is_empty() => all.extend(values),
-                _ => return Err(confused()),
+                _ => return Err(self.confused()),
             }
         }
         let value = |row: usize| self.shaped(row, all.get(row).copied().unwrap_or(0));
@@ -276,7 +297,7 @@ impl commands::Drive for Drive {
     }
 
     fn poke(&mut self, row: usize, name: &str, value: i64) -> Result<(), Refusal> {
-        let failure = match self.answer(Call::Preset { row: number(row)?, value }) {
+        let failure = match self.answer(Call::Preset { row: self.number(row)?, value }) {
             Ok(_) => return Ok(()),
             Err(failure) => failure,
         };
@@ -329,9 +350,9 @@ impl commands::Drive for Drive {
         let size = usize::from(self.session.spec.memory);
         let mut memory = Vec::new();
         while memory.len() < size {
-            match self.ask(Call::ReadMemory { offset: number(memory.len())? })? {
+            match self.ask(Call::ReadMemory { offset: self.number(memory.len())? })? {
                 Answered::Memory(bytes) if !bytes.is_empty() => memory.extend(bytes),
-                _ => return Err(confused()),
+                _ => return Err(self.confused()),
             }
         }
         memory.truncate(size);
@@ -340,15 +361,10 @@ impl commands::Drive for Drive {
 
     fn set_memory(&mut self, bytes: &[u8]) -> Result<(), Refusal> {
         for (n, bytes) in bytes.chunks(PIECE).enumerate() {
-            self.act(Call::WriteMemory { offset: number(n * PIECE)?, bytes })?;
+            self.act(Call::WriteMemory { offset: self.number(n * PIECE)?, bytes })?;
         }
         Ok(())
     }
-}
-
-/// A number of the protocol.
-fn number(number: usize) -> Result<u16, Refusal> {
-    u16::try_from(number).map_err(|_| confused())
 }
 
 impl Drive {
@@ -364,9 +380,9 @@ impl Drive {
         };
         let mut words: Vec<u16> = Vec::new();
         while words.len() < usize::from(count) {
-            match self.ask(Call::ReadWords { row: number(row)?, word: number(words.len())? })? {
+            match self.ask(Call::ReadWords { row: self.number(row)?, word: self.number(words.len())? })? {
                 Answered::Words(more) if !more.is_empty() => words.extend(more),
-                _ => return Err(confused()),
+                _ => return Err(self.confused()),
             }
         }
         Ok(Value::with_words(shape, 0, |n| words.get(n).copied().unwrap_or(0)))

@@ -32,7 +32,7 @@ use drivetwin_sim::record::trace::{Event, InputRecord, OutputRecord};
 use crate::options::BoardPlace;
 pub(crate) use board_clock::{BoardClock, Seen};
 use client::Client;
-pub(crate) use client::{Report, Session, Sink, Wanted};
+pub(crate) use client::{NotStarted, Report, Session, Sink, Wanted};
 pub use drive::Drive;
 pub(crate) use drive::of_first_port;
 pub(crate) use place::PORTS;
@@ -43,14 +43,27 @@ pub(crate) fn plugged(ports: &Path) -> Vec<String> {
     place::plugged(ports).into_iter().map(|board| board.serial).collect()
 }
 
-/// Starts the boot loader of a board. Returns the text of its place.
+/// Names of the boards that `drivetwin flash` knows, which they say themselves.
+pub(crate) const PICO: &str = "pico";
+pub(crate) const PICO_2: &str = "pico2";
+
+/// Starts the boot loader of a board, if it has this name. Returns the text of its place.
 ///
 /// # Errors
-/// One sentence: there is no board, or it does not start a boot loader.
-pub(crate) fn start_boot_loader(ports: &Path, place: &BoardPlace) -> Result<String, String> {
+/// There is no board, or another one, or it does not start a boot loader.
+pub(crate) fn start_boot_loader(ports: &Path, place: &BoardPlace, name: &str) -> Result<String, NotStarted> {
     let mut target = Target::find_in(ports, place)?;
-    client::start_boot_loader(&mut target)?;
+    client::start_boot_loader(&mut target, name)?;
     Ok(target.to_string())
+}
+
+/// Advice for a board of another version, by its name, which may be empty.
+fn flash_again(name: &str) -> String {
+    match name {
+        PICO | PICO_2 => format!("flash it again with `drivetwin flash {name}`"),
+        "" => "flash it again with `drivetwin flash`".into(),
+        _ => "flash it again".into(),
+    }
 }
 
 /// A board that is attached.

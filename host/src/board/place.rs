@@ -3,11 +3,17 @@
 use std::fmt;
 use std::fs;
 use std::io;
-use std::net::{TcpStream, ToSocketAddrs as _};
+use std::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs as _};
 use std::os::fd::OwnedFd;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use rustix::event::PollFlags;
+use rustix::io::Errno;
+use rustix::net::sockopt::{set_tcp_nodelay, socket_error};
+use rustix::net::{AddressFamily, SocketFlags, SocketType, socket_with};
+
+use super::link::Stop;
 use crate::options::BoardPlace;
 use crate::ports::Device;
 
@@ -120,16 +126,21 @@ impl Target {
         match (&self.serial, &other.serial, &self.reach, &other.reach) {
             (Some(own), Some(other), ..) => own == other,
             (.., Reach::Serial(own), Reach::Serial(other)) => same(own, other),
-            (.., Reach::Tcp(own), Reach::Tcp(other)) => own == other,
+            (.., Reach::Tcp(own), Reach::Tcp(other)) => is_same_address(own, other),
             _ => false,
         }
+    }
+
+    /// Returns true if the board is behind TCP.
+    pub(super) fn is_tcp(&self) -> bool {
+        matches!(self.reach, Reach::Tcp(_))
     }
 
     /// Opens the control port. A board that was unplugged may have another path now.
     ///
     /// # Errors
-    /// The port cannot be opened.
-    pub(super) fn open(&mut self) -> io::Result<OwnedFd> {
+    /// The port cannot be opened, or the stop has come.
+    pub(super) fn open(&mut self, stop: &Stop) -> io::Result<OwnedFd> {
         if let Some(serial) = &self.serial
             && let Ok(there) = Self::find(&BoardPlace::Usb(serial.clone()))
         {
@@ -140,12 +151,8 @@ impl Target {
             Reach::Tcp(address) => {
                 let mut error = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
                 for address in address.to_socket_addrs()? {
-                    match TcpStream::connect_timeout(&address, CONNECTED) {
-                        Ok(stream) => {
-                            stream.set_nodelay(true)?;
-                            stream.set_nonblocking(true)?;
-                            return Ok(stream.into());
-                        }
+                    match connect(&address, stop) {
+                        Ok(port) => return Ok(port),
                         Err(refused) => error = refused,
                     }
                 }
@@ -159,6 +166,46 @@ impl From<Plugged> for Target {
     fn from(Plugged { serial, control, bus }: Plugged) -> Self {
         Self { reach: Reach::Serial(control), serial: Some(serial), bus }
     }
+}
+
+/// Connects a non-blocking port of a server.
+///
+/// # Errors
+/// The server is not there or does not answer in time, or the stop has come.
+fn connect(address: &SocketAddr, stop: &Stop) -> io::Result<OwnedFd> {
+    let family = if address.is_ipv4() { AddressFamily::INET } else { AddressFamily::INET6 };
+    let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+    let port = socket_with(family, SocketType::STREAM, flags, None)?;
+    match rustix::net::connect(&port, address) {
+        Err(Errno::INPROGRESS) => {}
+        done => done?,
+    }
+    stop.wait(&port, PollFlags::OUT, CONNECTED)?;
+    socket_error(&port)??;
+    // A port that is not connected yet has no address at its other end.
+    rustix::net::getpeername(&port).map_err(|_| io::Error::from(io::ErrorKind::TimedOut))?;
+    set_tcp_nodelay(&port, true)?;
+    Ok(port)
+}
+
+/// Returns whether two addresses, `HOST:PORT`, lead to the same server.
+fn is_same_address(one: &str, other: &str) -> bool {
+    fn all(address: &str) -> Vec<SocketAddr> {
+        let all = address.to_socket_addrs().into_iter().flatten();
+        // A connection to no address in particular goes to this computer.
+        let reached = |address: IpAddr| match address.to_canonical() {
+            IpAddr::V4(own) if own.is_unspecified() => Ipv4Addr::LOCALHOST.into(),
+            IpAddr::V6(own) if own.is_unspecified() => Ipv6Addr::LOCALHOST.into(),
+            other => other,
+        };
+        all.map(|address| SocketAddr::new(reached(address.ip()), address.port())).collect()
+    }
+    let port = |address: &str| address.rsplit_once(':').map(|(_, port)| port.to_owned());
+    one == other
+        || port(one) == port(other) && {
+            let others = all(other);
+            all(one).iter().any(|address| others.contains(address))
+        }
 }
 
 /// Returns whether two paths name the same device.
@@ -271,6 +318,23 @@ mod tests {
         assert_eq!(sys.find("tcp:localhost:5000").unwrap().to_string(), "tcp:localhost:5000");
         // A port that the system does not know as that of a board is tried.
         assert_eq!(sys.find("/dev/ttyUSB7").unwrap().to_string(), "/dev/ttyUSB7");
+    }
+
+    #[test]
+    fn the_same_server_has_several_addresses() {
+        let sys = Sys::new("tcp", &[]);
+        let is_same = |one: &str, other: &str| sys.find(one).unwrap().is_same(&sys.find(other).unwrap());
+        for (one, other, expected) in [
+            ("tcp:127.0.0.1:5000", "tcp:localhost:5000", true),
+            ("tcp:localhost:5000", "tcp:127.0.0.1:5000", true),
+            ("tcp:0.0.0.0:5000", "tcp:127.0.0.1:5000", true),
+            ("tcp:[::ffff:127.0.0.1]:5000", "tcp:127.0.0.1:5000", true),
+            ("tcp:127.0.0.1:5000", "tcp:localhost:5001", false),
+            ("tcp:127.0.0.1:5000", "tcp:127.0.0.2:5000", false),
+            ("tcp:127.0.0.1:5000", "/dev/ttyACM7", false),
+        ] {
+            assert_eq!(is_same(one, other), expected, "{one} {other}");
+        }
     }
 
     #[test]

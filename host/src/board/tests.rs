@@ -47,7 +47,8 @@ fn events(number: u32, at: u64, of: &[(i64, Event<'_>)]) -> Vec<u8> {
 
 pub(crate) fn hello(kind: &str) -> Hello<'_> {
     let spec = catalog::make(kind).unwrap().spec();
-    Hello { version: VERSION, kind: spec.kind, image: "0.1.0", tables: fingerprint(spec), fast_boot: true }
+    let tables = fingerprint(spec);
+    Hello { version: VERSION, kind: spec.kind, image: "0.1.0", tables, fast_boot: true, board: "pico" }
 }
 
 fn state(at: u64) -> State {
@@ -186,19 +187,33 @@ fn a_board_of_another_version_must_be_flashed_again() {
             "is a drive of a kind that this drivetwin does not know, md9",
         ),
     ] {
-        let fake = Fake::new(move |_, number, _| Act::Send(answer(number, Ok(Answer::Hello(of)))), 1);
-        let sentence = fake.attach().0.err().unwrap();
-        assert!(sentence.contains(expected), "{sentence}");
-        assert!(sentence.ends_with("flash it again with `drivetwin flash pico`"), "{sentence}");
+        for (board, again) in [
+            ("pico", ": flash it again with `drivetwin flash pico`"),
+            ("pico2", ": flash it again with `drivetwin flash pico2`"),
+            ("black-pill", ": flash it again"),
+            ("", ": flash it again with `drivetwin flash`"),
+        ] {
+            let of = Hello { board, ..of };
+            let fake = Fake::new(move |_, number, _| Act::Send(answer(number, Ok(Answer::Hello(of)))), 1);
+            let sentence = fake.attach().0.err().unwrap();
+            assert!(sentence.contains(expected), "{sentence}");
+            assert!(sentence.ends_with(again), "{sentence}");
+        }
     }
 }
 
 #[test]
 fn what_is_no_board_is_said_in_one_sentence() {
-    let silent = Fake::new(|_, _, _| Act::Send(Vec::new()), 1);
-    let sentence = silent.attach().0.err().unwrap();
-    assert!(sentence.starts_with("there is no board at tcp:127.0.0.1:"), "{sentence}");
-    assert!(sentence.ends_with(": it does not answer"), "{sentence}");
+    // A server that has a client already lets the second one wait, or closes its connection.
+    for (act, expected) in [
+        (Act::Send as fn(_) -> _, " is in use by another program, or there is none: it does not answer"),
+        (|_| Act::Hang, " is in use by another program, or there is none: it closes the connection"),
+    ] {
+        let busy = Fake::new(move |_, _, _| act(Vec::new()), 1);
+        let sentence = busy.attach().0.err().unwrap();
+        assert!(sentence.starts_with("the board at tcp:127.0.0.1:"), "{sentence}");
+        assert!(sentence.ends_with(expected), "{sentence}");
+    }
     let echo = Fake::new(|_, number, _| Act::Send(answer(number, Ok(Answer::Done))), 1);
     let sentence = echo.attach().0.err().unwrap();
     assert!(sentence.ends_with(": it answers something else"), "{sentence}");
@@ -226,6 +241,52 @@ fn a_board_that_stops_answering_is_connected_again() {
     assert_eq!(board.drive().unwrap().peek(3).unwrap(), 9_000);
     // What the drive was before is not known to be what it is.
     assert!(away(drive.peek(3)).contains("has started again meanwhile"), "{:?}", drive.peek(3));
+}
+
+#[test]
+fn the_last_question_to_a_silent_board_ends_soon() {
+    let (asks, asked) = mpsc::channel();
+    let mut states = 0;
+    let fake = Fake::new(
+        move |_, number, call| {
+            states += usize::from(matches!(call, Call::State));
+            // The first one is that of the attachment.
+            if states < 2 {
+                return Act::Send(usual(number, call, 16_000_000));
+            }
+            let _ = asks.send(());
+            Act::Send(Vec::new())
+        },
+        1,
+    );
+    let (board, _reports) = fake.attached();
+    let drive = board.drive().unwrap();
+    // The board is silent from its next question on.
+    asked.recv_timeout(LONG).unwrap();
+    assert_eq!(away(drive.now_within(Duration::ZERO)), "the board does not answer in time");
+    // The thread does not wait for its answer either, or this test waits for the thread.
+    drop((drive, board));
+}
+
+#[test]
+fn a_board_that_goes_away_is_reported_once_with_its_last_time() {
+    let fake = Fake::new(
+        |_, number, call| match call {
+            Call::Preset { .. } => Act::Hang,
+            _ => Act::Send(usual(number, call, 16_000_000)),
+        },
+        1,
+    );
+    let (board, reports) = fake.attached();
+    assert!(away(board.drive().unwrap().poke(3, "Speed", 5)).contains("cannot be reached"));
+    // The report is there before the call fails.
+    let gone = |report| match report {
+        Report::Gone { last, .. } => Some(last.ticks()),
+        _ => None,
+    };
+    assert_eq!(reports.try_iter().filter_map(gone).collect::<Vec<_>>(), [16_000_000]);
+    drop(board);
+    assert_eq!(reports.iter().filter_map(gone).count(), 0);
 }
 
 #[test]

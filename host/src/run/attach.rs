@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration as WallSpan;
 
 use drivetwin_control::State;
 use drivetwin_firmware::device::{Duration, Instant, Port};
@@ -9,6 +10,7 @@ use drivetwin_sim::bench::{Bench, Settings};
 use drivetwin_sim::catalog;
 use drivetwin_sim::config::board_place::check_bus;
 use drivetwin_sim::config::time_mode::TimeMode;
+use drivetwin_sim::record::trace::Event;
 
 use super::backlog::{Backlog, Waiting};
 use super::output_files::OutputFiles;
@@ -27,6 +29,9 @@ const NAME: &str = "board";
 /// Time that events of a board take at most until they are here, unless it is overloaded. A recording is complete until
 /// that time before the present one.
 pub(super) const DELAY: Duration = Duration::millis(500);
+
+/// Longest wait for the last reports of boards when a run ends.
+pub(super) const LAST: WallSpan = WallSpan::from_millis(500);
 
 /// Attaches a board, opens the control API, and starts the output files.
 ///
@@ -95,23 +100,25 @@ fn recorder(handle: BenchHandle) -> Sink {
     let (caller, mut backlog) = (Arc::new(()), Backlog::default());
     Box::new(move |report| {
         let caller = Arc::downgrade(&caller);
+        let mut add = |events| {
+            let Some(waiting) = backlog.add(events) else { return };
+            handle.submit(caller.clone(), move |event_loop| {
+                record(event_loop, waiting);
+                || {}
+            });
+        };
         match report {
             Report::Begun(session, state, _) => handle.submit(caller, move |event_loop| {
                 begin(event_loop, &session, &state);
                 || {}
             }),
-            Report::Events(events, _) => {
-                let Some(waiting) = backlog.add(events) else { return };
-                handle.submit(caller, move |event_loop| {
-                    record(event_loop, waiting);
-                    || {}
-                });
-            }
+            Report::Events(events, _) => add(events),
             Report::At(Seen { at, .. }) => handle.submit(caller, move |event_loop| {
                 event_loop.bench.report_time(Instant::ZERO + at.since(Instant::ZERO + DELAY));
                 || {}
             }),
-            Report::Gone => {}
+            // There may be no session any more.
+            Report::Gone { last, .. } => add(vec![(last, Event::Missing { events: None })]),
         }
     })
 }

@@ -53,9 +53,15 @@ impl Configuration {
             return Err(format!("--strict: {what} has no Modbus line, where frames need a silence of t3.5"));
         }
         layout.strict |= options.strict;
-        for drive in &mut layout.drives {
-            drive.fast_boot |= options.fast_boot;
+        let is_emulated = |drive: &&mut DriveLayout| drive.board.is_none();
+        let mut emulated = layout.drives.iter_mut().filter(is_emulated).peekable();
+        if options.fast_boot && emulated.peek().is_none() {
+            let what = file.as_deref().map_or_else(|| options.what.as_str().into(), shown);
+            return Err(format!(
+                "--fast-boot: {what} has no emulated drive; the image of a board has a start-up delay, or has none"
+            ));
         }
+        emulated.for_each(|drive| drive.fast_boot |= options.fast_boot);
         let this = Self { options, layout, file };
         if this.options.what == STDIN && this.uses_stdio() {
             return Err("standard input cannot be both the bench file and stdio:; name a file".into());

@@ -242,13 +242,21 @@ impl Running {
     pub fn serve(mut self, stop: &impl AsFd) -> Result<(), String> {
         let ended = self.event_loop.run(stop);
         info!("stopping");
-        // A board that is gone has reported what it will. Those that do not answer are waited for at the same time.
-        let times: Vec<_> = std::thread::scope(|scope| {
-            let ask = |board: &Board| board.drive().and_then(|drive| drive.now()).ok();
-            let asked: Vec<_> = self.boards.values().map(|board| scope.spawn(move || ask(board))).collect();
-            asked.into_iter().filter_map(|asked| asked.join().ok().flatten()).collect()
+        // A board that is gone has reported what it will. The others are waited for at the same time.
+        let last: Vec<_> = std::thread::scope(|scope| {
+            let ask = |board: &Board| Some(board.drive().ok()?.now_within(attach::LAST));
+            let boards = self.boards.values();
+            let asked = boards.map(|board| (board.name(), scope.spawn(move || ask(board))));
+            let asked: Vec<_> = asked.collect();
+            asked.into_iter().filter_map(|(name, asked)| Some((name, asked.join().ok()??))).collect()
         });
-        times.into_iter().for_each(|at| self.event_loop.catch_up_with_board(at));
+        self.event_loop.do_jobs();
+        for (name, at) in last {
+            match at {
+                Ok(at) => self.event_loop.bench.report_time(at),
+                Err(_) => self.event_loop.report_missing(name),
+            }
+        }
         if !self.boards.is_empty() {
             self.event_loop.complete_recordings();
         }

@@ -84,14 +84,17 @@ fn recorder(handle: BenchHandle, name: &str) -> Sink {
     let (name, caller): (Arc<str>, _) = (name.into(), Arc::new(()));
     let (mut backlog, mut clock) = (Backlog::default(), None::<BoardClock>);
     Box::new(move |report| {
-        let (events, received) = match report {
+        let events: Vec<(Stamp, Event)> = match report {
             Report::Begun(session, state, seen) => {
-                clock = Some(BoardClock::new(seen));
-                let present =
-                    board::present(&session, &state).into_iter().map(|event| (session.began, event));
-                (present.collect(), seen.answered)
+                let clock = clock.insert(BoardClock::new(seen));
+                let stamp = Stamp::new(clock, session.began, seen.answered);
+                board::present(&session, &state).into_iter().map(|event| (stamp, event)).collect()
             }
-            Report::Events(events, received) => (events, received),
+            Report::Events(events, received) => {
+                let Some(clock) = &clock else { return };
+                let stamped = |(at, event)| (Stamp::new(clock, at, received), event);
+                events.into_iter().map(stamped).collect()
+            }
             Report::At(seen) => {
                 if let Some(clock) = &mut clock {
                     clock.see(seen);
@@ -99,12 +102,12 @@ fn recorder(handle: BenchHandle, name: &str) -> Sink {
                 }
                 return;
             }
-            // The recording waits for no board.
-            Report::Gone => return,
+            // The recording waits for no board, and there may be no session any more.
+            Report::Gone { last, received } => {
+                vec![(Stamp { own: last, wall: received }, Event::Missing { events: None })]
+            }
         };
-        let Some(clock) = &clock else { return };
-        let at_wall = |(at, event)| (Stamp { own: at, wall: clock.wall_at(at, received) }, event);
-        let Some(mut waiting) = backlog.add(events.into_iter().map(at_wall).collect()) else { return };
+        let Some(mut waiting) = backlog.add(events) else { return };
         let name = Arc::clone(&name);
         handle.submit(Arc::downgrade(&caller), move |event_loop| {
             record(event_loop, &name, std::mem::take(&mut waiting.events));
@@ -119,6 +122,13 @@ fn recorder(handle: BenchHandle, name: &str) -> Sink {
 struct Stamp {
     own: Instant,
     wall: WallInstant,
+}
+
+impl Stamp {
+    /// The time of an event that was received at `received`.
+    fn new(clock: &BoardClock, own: Instant, received: WallInstant) -> Self {
+        Self { own, wall: clock.wall_at(own, received) }
+    }
 }
 
 /// Records events of a board at their times of the bench.

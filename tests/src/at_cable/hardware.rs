@@ -441,6 +441,8 @@ impl Board for InMemory {
     type Timer = StepClock;
     type Cable = InMemoryCable;
 
+    const NAME: &'static str = "memory";
+
     fn axis() -> &'static Axis<StepClock> {
         AXIS.get().expect("a board on this thread")
     }

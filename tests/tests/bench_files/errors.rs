@@ -253,6 +253,10 @@ fn boards() {
                 "line 3, column 9: there is no board at '': it takes the path of a serial port, usb:SERIAL or tcp:HOST:PORT",
             ),
             (
+                "[[drive]]\nname = 'b'\nboard = 'usb'",
+                "line 3, column 9: there is no board at 'usb': it needs the USB serial number of the board, usb:SERIAL",
+            ),
+            (
                 "[[drive]]\nname = 'x'\nkind = 'md3'\nbus = 'line1'",
                 "line 4, column 1: bus is a key of a drive on a board, and 'x' has no 'board'",
             ),

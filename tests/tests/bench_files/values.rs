@@ -229,12 +229,12 @@ fn a_bench_file_names_boards_by_their_places() {
     assert_eq!(board(2).place, BoardPlace::Tcp("127.0.0.1:5002".into()));
     assert_eq!(board(2).bus, Some(Uri::Rfc2217("127.0.0.1:6002".into())));
     assert_eq!(board(3).place, BoardPlace::Port("/dev/ttyACM1".into()));
-    // Defaults that a board does not take are for the other drives.
+    // Defaults are for the other drives.
     assert_eq!(
         layout.drives.iter().map(|drive| drive.fast_boot).collect::<Vec<_>>(),
         [true, false, false, false]
     );
-    assert!(layout.drives.iter().all(|drive| drive.kind == "md3"));
+    assert_eq!(layout.drives.iter().map(|drive| drive.kind).collect::<Vec<_>>(), ["md3", "", "", ""]);
     assert_eq!(layout.drives.iter().map(|drive| drive.listen.len()).collect::<Vec<_>>(), [1, 0, 0, 0]);
     // `rs485` alone is the line of the only emulated drive.
     assert_eq!(layout.faults[0].bus, "x.rs485");

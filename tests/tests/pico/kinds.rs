@@ -283,7 +283,7 @@ fn first_answers(kind: &str, flash: &Path, plugged: Nanos) -> [Nanos; 2] {
     };
     let [control, bus] = ["control ", "bus "].map(came);
     reply(&run, control, |answer| {
-        assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: k, .. })) if k == kind));
+        assert!(matches!(answer, Ok(Answer::Hello(Hello { kind: k, board: "pico", .. })) if k == kind));
     });
     assert!(run.got("bus ", bus, end).ends_with(&answer), "{kind}");
     [control - plugged, bus - plugged]

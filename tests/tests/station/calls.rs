@@ -50,6 +50,7 @@ fn a_board_says_what_it_is() {
             image: env!("CARGO_PKG_VERSION"),
             tables: fingerprint(rig.spec()),
             fast_boot: true,
+            board: "memory",
         };
         assert_eq!(rig.call(Call::Hello), Ok(Answer::Hello(hello)));
         assert_eq!(rig.call(Call::Kind(0)), Ok(Answer::Kind(None)));

@@ -33,6 +33,9 @@ pub trait Board {
     /// The USB cable; [`NoCable`](crate::NoCable) on a board without one.
     type Cable: Cable;
 
+    /// Name of the board, as `drivetwin flash` has it.
+    const NAME: &'static str;
+
     /// The axis.
     fn axis() -> &'static Axis<Self::Timer>;
 

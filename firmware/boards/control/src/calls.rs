@@ -6,7 +6,7 @@
 
 use drivetwin_firmware::device::Spec;
 use drivetwin_protocol::modbus::rtu;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::events::{Level, Line};
 
@@ -228,6 +228,14 @@ pub struct Hello<'a> {
     pub tables: u16,
     /// True if the drive starts without its start-up delay.
     pub fast_boot: bool,
+    /// Name of the board, as `drivetwin flash` has it; empty if an older image does not say it.
+    #[serde(borrow, deserialize_with = "text_if_any")]
+    pub board: &'a str,
+}
+
+/// The text at the end of a message, which older boards do not send.
+fn text_if_any<'de, D: Deserializer<'de>>(from: D) -> Result<&'de str, D::Error> {
+    Ok(Deserialize::deserialize(from).unwrap_or_default())
 }
 
 /// Power, pins, faults and motion.

@@ -1,8 +1,8 @@
 //! Frames among garbage, and messages of every size.
 
 use drivetwin_control::{
-    Answer, Call, Course, Decoder, Event, Events, FRAME, Message, PIECE, Refused, Reply, Request, Stimulus,
-    Stretch, encode,
+    Answer, Call, Course, Decoder, Event, Events, FRAME, Hello, Message, PIECE, Refused, Reply, Request,
+    Stimulus, Stretch, encode,
 };
 use proptest::prelude::*;
 
@@ -24,6 +24,27 @@ fn a_frame_is_a_message_a_crc_and_a_zero() {
     // Number 1 and Call::Hello are the bytes 01 00, and their CRC of Modbus is 20 00, lower byte first. COBS replaces
     // each of the two zeros by the distance to the next one.
     assert_eq!(framed(1, Call::Hello), [2, 1, 1, 2, 0x20, 0]);
+}
+
+#[test]
+fn a_board_that_does_not_say_its_name_has_none() {
+    let hello = |board| Hello { version: 1, kind: "md3", image: "0.1.0", tables: 5, fast_boot: true, board };
+    let read = |frame: &[u8]| {
+        let mut decoder = Decoder::new();
+        let (end, bytes) = frame.split_last().unwrap();
+        assert!(bytes.iter().all(|byte| decoder.push::<Message<'_>>(*byte).is_none()));
+        match decoder.push(*end) {
+            Some(Message::Reply(Reply { number: 7, answer: Ok(Answer::Hello(hello)) })) => {
+                hello.board.to_owned()
+            }
+            other => panic!("{other:?}"),
+        }
+    };
+    let reply = |board| Message::Reply(Reply { number: 7, answer: Ok(Answer::Hello(hello(board))) });
+    assert_eq!(read(encode(&reply("pico2"), &mut [0; FRAME]).unwrap()), "pico2");
+    // The fields of older images: those of the reply, and of the hello without its last one.
+    let older = (0_u8, 7_u16, 0_u8, 1_u8, (1_u16, "md3", "0.1.0", 5_u16, true));
+    assert_eq!(read(encode(&older, &mut [0; FRAME]).unwrap()), "");
 }
 
 #[test]

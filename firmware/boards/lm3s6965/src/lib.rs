@@ -113,6 +113,8 @@ impl Board for Evaluation {
     type Timer = Steps;
     type Cable = NoCable;
 
+    const NAME: &'static str = "lm3s6965";
+
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
     }

@@ -131,6 +131,8 @@ impl Board for Pico {
     type Timer = Steps;
     type Cable = Usb;
 
+    const NAME: &'static str = chip::BOARD;
+
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
     }

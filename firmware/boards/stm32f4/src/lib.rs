@@ -114,6 +114,8 @@ impl Board for BlackPill {
     type Timer = Steps;
     type Cable = Usb;
 
+    const NAME: &'static str = "black-pill";
+
     fn axis() -> &'static Axis<Steps> {
         &steps::AXIS
     }

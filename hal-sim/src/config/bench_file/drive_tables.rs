@@ -18,9 +18,7 @@ use crate::suggest;
 /// The keys of `[[drive]]`.
 pub(super) const DRIVE: [&str; 11] =
     ["name", "kind", "address", "nv", "set", "program", "fast_boot", "listen", "faults", "board", "bus"];
-/// The keys of a `[[drive]]` on a board.
-pub(super) const BOARD: [&str; 4] = ["name", "kind", "board", "bus"];
-/// The other keys of `[[drive]]`, each with the reason why a board does not take it (BENCH-22).
+/// The keys of `[[drive]]` that are for emulated drives only, each with the reason why a board does not take it (BENCH-22).
 const NOT_OF_BOARDS: [(&str, &str); 7] = [
     ("address", "it has the address that it has saved; a master or the control API sets another one"),
     ("nv", "it has its memory in its flash; the control API reads and replaces it"),

@@ -1,4 +1,4 @@
-//! Shorthand of bench files: variables, defaults of all drives, numbered tables.
+//! Shorthand of bench files: variables, defaults of emulated drives, numbered tables.
 //!
 //! All of it is expanded before the tables are read. A copy of a numbered table has the positions of the
 //! original, so an error in a copy points into the file.
@@ -8,12 +8,14 @@ use std::collections::BTreeSet;
 use toml::Spanned;
 use toml::de::{DeArray, DeTable, DeValue};
 
-use super::drive_tables::BOARD;
 use super::table::LocatedError;
 use crate::suggest;
 
 /// Maximum number of copies of a table.
 const MAX_COPIES: u64 = 10_000;
+
+/// The keys of `[[drive]]` that cannot be defaults.
+const OF_ONE_DRIVE: [&str; 3] = ["name", "board", "bus"];
 
 /// Byte offsets of the strings that had a placeholder: such a string may also stand for a number.
 pub(super) type Filled = BTreeSet<usize>;
@@ -89,8 +91,8 @@ fn fill_variables(text: &str, variable: &dyn Fn(&str) -> Option<String>) -> Resu
     Ok(Some(result))
 }
 
-/// Moves the keys of `[defaults.drive]` into each `[[drive]]` that does not have them. Tables, like `set`, are
-/// merged key by key. A drive on a board gets only the keys that it takes.
+/// Moves the keys of `[defaults.drive]` into each emulated `[[drive]]` that does not have them. Tables, like `set`, are
+/// merged key by key. A drive on a board gets none, because it keeps what it is (BENCH-22).
 fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
     let Some(defaults) = root.remove("defaults") else { return Ok(()) };
     let at = defaults.span().start;
@@ -112,11 +114,10 @@ fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
         let DeValue::Table(defaults) = value.into_inner() else {
             return wrong(at, "defaults must be a table; write [defaults.drive] above its keys".to_owned());
         };
-        if let Some((key, _)) = defaults.get_key_value("name") {
-            return wrong(
-                key.span().start,
-                "name cannot be a default; give each [[drive]] its own".to_owned(),
-            );
+        let own = OF_ONE_DRIVE.iter().find_map(|own| defaults.get_key_value(*own));
+        if let Some((key, _)) = own {
+            let what = format!("{} cannot be a default; give each [[drive]] its own", key.get_ref());
+            return wrong(key.span().start, what);
         }
         let drives = match root.get_mut("drive").map(Spanned::get_mut) {
             Some(DeValue::Array(drives)) => drives,
@@ -128,20 +129,31 @@ fn add_defaults(root: &mut DeTable<'_>) -> Result<(), LocatedError> {
                 );
             }
         };
-        for drive in drives.iter_mut() {
-            let DeValue::Table(drive) = drive.get_mut() else { continue };
-            let is_board = drive.contains_key("board");
-            merge(drive, &defaults, &|key| !is_board || BOARD.contains(&key));
+        let is_emulated = |drive: &DeTable<'_>| !drive.contains_key("board");
+        let mut emulated = drives
+            .iter_mut()
+            .filter_map(|drive| match drive.get_mut() {
+                DeValue::Table(drive) if is_emulated(drive) => Some(drive),
+                _ => None,
+            })
+            .peekable();
+        if emulated.peek().is_none() {
+            return wrong(
+                at,
+                "[defaults.drive] is for emulated drives, and the file has none; give each [[drive]] on a board its own keys"
+                    .to_owned(),
+            );
         }
+        emulated.for_each(|drive| merge(drive, &defaults));
     }
     Ok(())
 }
 
-/// Adds the keys of `defaults` that `table` does not have, but takes.
-fn merge<'i>(table: &mut DeTable<'i>, defaults: &DeTable<'i>, takes: &dyn Fn(&str) -> bool) {
-    for (key, value) in defaults.iter().filter(|(key, _)| takes(key.get_ref())) {
+/// Adds the keys of `defaults` that `table` does not have.
+fn merge<'i>(table: &mut DeTable<'i>, defaults: &DeTable<'i>) {
+    for (key, value) in defaults {
         match (table.get_mut(key.get_ref().as_ref()).map(Spanned::get_mut), value.get_ref()) {
-            (Some(DeValue::Table(table)), DeValue::Table(defaults)) => merge(table, defaults, &|_| true),
+            (Some(DeValue::Table(table)), DeValue::Table(defaults)) => merge(table, defaults),
             (Some(_), _) => {}
             (None, _) => {
                 table.insert(key.clone(), value.clone());
@@ -459,6 +471,25 @@ mod tests {
         assert_eq!([value(1, "Speed"), value(1, "MoveSteps")], [8_000, 6]);
     }
 
+    /// A board keeps what it is (BENCH-22).
+    #[test]
+    fn a_drive_on_a_board_has_no_defaults() {
+        let text = "
+            [defaults.drive]
+            kind = 'md3'
+            address = 5
+            fast_boot = true
+            [[drive]]
+            name = 'x'
+            [[drive]]
+            name = 'b'
+            board = 'usb:E661'
+        ";
+        let layout = read(text).expect("a bench");
+        let of: Vec<_> = layout.drives.iter().map(|drive| (drive.kind, drive.fast_boot)).collect();
+        assert_eq!(of, [("md3", true), ("", false)]);
+    }
+
     #[test]
     fn variables_have_values_or_defaults() {
         let text = "
@@ -561,6 +592,14 @@ mod tests {
             (
                 format!("[defaults.drive]\nname = 'x'\n{}", drive("")),
                 "line 2, column 1: name cannot be a default; give each [[drive]] its own",
+            ),
+            (
+                format!("[defaults.drive]\nboard = 'usb:E661'\n{}", drive("")),
+                "line 2, column 1: board cannot be a default; give each [[drive]] its own",
+            ),
+            (
+                "[defaults.drive]\nkind = 'md3'\n[[drive]]\nname = 'b'\nboard = 'usb:E661'".to_owned(),
+                "line 1, column 11: [defaults.drive] is for emulated drives, and the file has none; give each [[drive]] on a board its own keys",
             ),
             (
                 format!("defaults = 1\n{}", drive("")),

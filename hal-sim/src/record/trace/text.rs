@@ -159,10 +159,10 @@ impl Trace {
     /// An event as a line of the text.
     pub(crate) fn entry_text(&self, entry: &Entry) -> String {
         let Some(drive) = self.drives.get(entry.drive) else { return String::new() };
-        if let Event::Missing { .. } = entry.event {
-            return format!("# {}: {}", stamp(entry.at), self.words(entry));
-        }
         let name = if self.drives.len() > 1 { format!(" {}", drive.name) } else { String::new() };
+        if let Event::Missing { .. } = entry.event {
+            return format!("# {}{name}: {}", stamp(entry.at), self.words(entry));
+        }
         let sign = match entry.event {
             Event::Input(_) => '>',
             _ => '<',

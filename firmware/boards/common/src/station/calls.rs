@@ -107,6 +107,7 @@ where
             image: env!("CARGO_PKG_VERSION"),
             tables: fingerprint(spec),
             fast_boot: self.boot.fast,
+            board: B::NAME,
         })
     }
 

@@ -8,6 +8,8 @@ use core::ops::Range;
 
 use crate::registers::Register;
 
+/// Name of the Pico for `drivetwin flash`.
+pub(crate) const BOARD: &str = "pico";
 /// Size of the Pico's flash chip in bytes.
 pub(crate) const FLASH: usize = 2 << 20;
 /// RAM for an image. The stack of the selector is behind it.

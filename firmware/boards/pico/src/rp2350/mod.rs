@@ -8,6 +8,8 @@ use core::ops::Range;
 
 use crate::registers::Register;
 
+/// Name of the Pico 2 for `drivetwin flash`.
+pub(crate) const BOARD: &str = "pico2";
 /// Size of the Pico 2's flash chip in bytes.
 pub(crate) const FLASH: usize = 4 << 20;
 /// RAM for an image. The stack of the selector is behind it.
