@@ -96,10 +96,11 @@ export function registersCard(app, drive, kind) {
       if (only === "refused" && frame.registers) sift();
     },
     update({ changes, whole }) {
-      const values = whole ? app.store.state.drive?.registers : changes.drive?.registers;
-      // A value that is absent, or null in a change, is unknown: the drive has no power, or the register cannot be read.
-      for (const [name, row] of whole ? rows : Object.keys(values ?? {}).map(name => [name, rows.get(name)])) {
-        const isNew = row?.set(values?.[name] ?? undefined);
+      const now = app.store.state.drive;
+      const isAll = whole || changes.drive?.powered !== undefined;
+      for (const [name, row] of isAll ? rows : Object.keys(changes.drive?.registers ?? {}).map(name => [name, rows.get(name)])) {
+        // Without power nobody can read a value. A board that cannot be reached has none either.
+        const isNew = row?.set(now?.powered ? now.registers?.[name] : undefined);
         if (isNew && !whole) {
           row.changed = true;
           if (!lit.has(row)) row.node.classList.add("lit");
@@ -199,6 +200,7 @@ function makeRow(app, drive, register, asHex) {
     if (!edited) return;
     const typed = parse(input.value, isList);
     if (typed === null) return fail(`'${input.value}' is not a number; write it as 10, -10 or 0x0A${isList ? ", with commas between the words" : ""}`);
+    if ([typed].flat().some(number => !Number.isSafeInteger(number))) return fail(`'${input.value}' is too large`);
     if (Array.isArray(typed) && !isList) return fail(`${name} takes one number, not ${typed.length}`);
     await write(typed);
   };

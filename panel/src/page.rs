@@ -52,7 +52,11 @@ mod tests {
         let text = String::from_utf8(file.bytes.into_owned()).expect("text");
         let names = text.lines().filter_map(|line| {
             let is_import = line.starts_with("import ") || line.starts_with("export {");
-            line.split_once("from \"./").filter(|_| is_import)?.1.split_once('"').map(|(name, _)| name.to_owned())
+            line.split_once("from \"./")
+                .filter(|_| is_import)?
+                .1
+                .split_once('"')
+                .map(|(name, _)| name.to_owned())
         });
         names.collect()
     }
@@ -62,8 +66,11 @@ mod tests {
     fn the_first_picture_needs_little() {
         let page = file(FIRST).expect("the page");
         let text = String::from_utf8(page.bytes.into_owned()).expect("text");
-        let mut preloaded: Vec<&str> =
-            text.split("rel=\"modulepreload\" href=\"panel/").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+        let mut preloaded: Vec<&str> = text
+            .split("rel=\"modulepreload\" href=\"panel/")
+            .skip(1)
+            .filter_map(|rest| rest.split('"').next())
+            .collect();
         let mut used = vec!["main.js".to_owned()];
         let mut at = 0;
         while let Some(module) = used.get(at).cloned() {
@@ -80,8 +87,10 @@ mod tests {
         // Only the sheet and the choice of light or dark hold the first picture up.
         let blocking = text.matches("rel=\"stylesheet\"").count() + text.matches("<script src").count();
         assert_eq!(blocking, 2);
-        let bytes: usize =
-            ["index.html", "panel.css", "theme.js"].map(|name| file(name).map_or(0, |file| file.bytes.len())).iter().sum();
+        let bytes: usize = ["index.html", "panel.css", "theme.js"]
+            .map(|name| file(name).map_or(0, |file| file.bytes.len()))
+            .iter()
+            .sum();
         assert!(bytes < 48 << 10, "{bytes} bytes until the first picture");
         let all: usize = names().filter_map(|name| file(&name)).map(|file| file.bytes.len()).sum();
         assert!(all < 200_000, "the page has {all} bytes");

@@ -143,12 +143,12 @@ test("a list shows the failures of drives that are not open", async () => {
 test("a part of the recording is marked and saved alone", () => withMd3(async ({ bench, page }) => {
   await sees(page, "[data-time]", "data-value", 0);
   await bench.call("POST", "api/time/advance", { seconds: 2 });
-  await sees(page, "[data-time]", "data-value", 2);
+  await page.waitForFunction(() => document.querySelector("[data-time]").dataset.value >= 2);
   await click(page, "[data-action=record]");
   await sees(page, "[data-action=record]", "data-state", "on");
   await bench.call("PUT", "api/drives/md3/pins/J2.2", { level: "low" });
   await bench.call("POST", "api/time/advance", { seconds: 1 });
-  await sees(page, "[data-action=record]", "data-value", 1);
+  await page.waitForFunction(() => Math.abs(document.querySelector("[data-action=record]").dataset.value - 1) < 1e-3);
   await click(page, "[data-action=record]");
   await sees(page, "[data-action=record]", "data-state", "done");
   await bench.call("PUT", "api/drives/md3/pins/J2.3", { level: "low" });
@@ -161,8 +161,8 @@ test("a part of the recording is marked and saved alone", () => withMd3(async ({
   await done;
   const vcd = readFileSync(join(folder, "drivetwin.vcd"), "utf8");
   const times = vcd.match(/^#\d+$/gm).map(line => Number(line.slice(1)) / 1e9);
-  assert.equal(times[0], 2);
-  assert.equal(times.at(-1), 3);
+  // A call acts at the end of a tick, so the part begins and ends a few of them later.
+  assert.ok(Math.abs(times[0] - 2) < 1e-5 && Math.abs(times.at(-1) - 3) < 1e-5, `${times}`);
   assert.ok(vcd.includes("$dumpvars"));
 }, "--time", "manual"));
 

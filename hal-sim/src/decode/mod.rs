@@ -395,13 +395,7 @@ fn refusal(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8) -> Strin
 }
 
 /// Rows of the registers that a refusal is about.
-fn blamed(
-    spec: &Spec,
-    message: &Message<'_>,
-    entry: &Entry,
-    code: u8,
-    registers: &[Register],
-) -> Vec<usize> {
+fn blamed(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8, registers: &[Register]) -> Vec<usize> {
     match message.framing {
         // A drive that starts would refuse anything.
         _ if entry.deaf_for.is_some_and(|left| left > Duration::ZERO) || entry.unreadable > 0 => Vec::new(),

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant as WallInstant};
 use axum::extract::State;
 use axum::response::Sse;
 use axum::response::sse::Event;
-use drivetwin_panel::live::{LONGEST, Pace, Snapshot, Viewer};
+use drivetwin_panel::live::{Pace, Snapshot, Viewer};
 use drivetwin_panel::schema::{BoardView, Drive};
 use drivetwin_sim::{commands, programs};
 use futures_util::stream::{self, Stream};
@@ -74,15 +74,7 @@ pub(super) async fn live(
     if is_elsewhere && has_program {
         viewer = viewer.without("program", reasons::NO_PROGRAM);
     }
-    let reader = Reader {
-        api,
-        grown,
-        drive,
-        viewer,
-        pace: Pace::default(),
-        opened: wall(),
-        _permit: permit,
-    };
+    let reader = Reader { api, grown, drive, viewer, pace: Pace::default(), opened: wall(), _permit: permit };
     Ok(Sse::new(stream::unfold(reader, |mut reader| async {
         let event = reader.next().await?;
         Some((Ok(event), reader))

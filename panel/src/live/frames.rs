@@ -77,7 +77,8 @@ pub(super) fn of(news: &News, own: &OwnNews, layout: &Layout) -> (Vec<Frame>, u6
             Receiver::Drive(id) => (layout.drive_name(id).map(ToOwned::to_owned), None),
             Receiver::Line(bus) => (None, layout.bus_name(bus).map(ToOwned::to_owned)),
         };
-        let written = || request.registers.iter().filter(|register| register.written).map(|register| register.row);
+        let written =
+            || request.registers.iter().filter(|register| register.written).map(|register| register.row);
         let rows: Vec<usize> = match verdict {
             Verdict::Refused => blamed,
             Verdict::Done | Verdict::WithoutEffect => written().collect(),

@@ -250,7 +250,10 @@ impl Seen {
             now: bench.now(),
             drives: bench.drives().map(|id| DriveSeen::of(bench, id)).collect(),
             motors: bench.motors().map(|motor| bench.turn(motor)).collect(),
-            buses: outlets.iter().map(|&outlet| (BusState::of(bench, outlet), unanswered(bench, outlet))).collect(),
+            buses: outlets
+                .iter()
+                .map(|&outlet| (BusState::of(bench, outlet), unanswered(bench, outlet)))
+                .collect(),
             boards: BTreeMap::new(),
             wanted: wanted.map(DriveId::index),
             details: wanted.map(|id| Drive::of_bench(bench, id, places)),
@@ -397,7 +400,8 @@ impl Seen {
     }
 
     fn bus(&self, index: usize, layout: &Layout) -> Value {
-        let (Some((state, unanswered)), Some(names)) = (self.buses.get(index), layout.outlets.get(index)) else {
+        let (Some((state, unanswered)), Some(names)) = (self.buses.get(index), layout.outlets.get(index))
+        else {
             return Value::Null;
         };
         let OutletNames { name, drives, listen, .. } = names;

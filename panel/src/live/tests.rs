@@ -127,7 +127,9 @@ fn a_reader_is_told_what_changes_and_nothing_else() {
 #[test]
 fn messages_without_success_are_counted_for_every_drive() {
     let mut bench = Bench::new();
-    let [x, y] = ["x", "y"].map(|name| bench.add_with(name, catalog::make("md3").expect("a kind"), Setup::default()).expect("a drive"));
+    let [x, y] = ["x", "y"].map(|name| {
+        bench.add_with(name, catalog::make("md3").expect("a kind"), Setup::default()).expect("a drive")
+    });
     // An MD3 starts for 2.5 s.
     bench.ask(x, &rtu::write(1, 0x11, 1));
     bench.run_until(2_500.millis());
@@ -160,11 +162,11 @@ fn a_refusal_names_the_register_that_is_its_cause() {
         let update = reader.look(bench).expect("a message");
         update.traffic[0].registers.clone()
     };
-    // MD3 chapter 7: MoveSteps is 0x12 and 0x13, Speed 0x14 and 0x15; DeviceAddress takes 1 to 247; 0x0B is reserved.
+    // MD3 chapter 7: Speed is 0x14 and 0x15; DeviceAddress, 0x00, takes 1 to 247; 0x0B is reserved.
     assert_eq!(registers(&mut bench, &[6, 0, 0x0B, 0, 5]), ["Reserved"]);
     assert_eq!(registers(&mut bench, &[6, 0, 0, 0, 248]), ["DeviceAddress"]);
-    // Of two registers only the speed is at fault.
-    assert_eq!(registers(&mut bench, &[16, 0, 0x12, 0, 4, 8, 0, 0, 0, 5, 0x7F, 0xFF, 0xFF, 0xFF]), ["Speed"]);
+    // Of two registers only the address is at fault.
+    assert_eq!(registers(&mut bench, &[16, 0, 0, 0, 2, 4, 0, 248, 3, 10]), ["DeviceAddress"]);
     // The drive has no coils, and no function 22; a read of 33 registers is too long.
     assert!(registers(&mut bench, &[5, 0, 0x14, 0xFF, 0]).is_empty());
     assert!(registers(&mut bench, &[22, 0, 0x14, 0, 0, 0, 0]).is_empty());
@@ -263,7 +265,8 @@ fn traffic_has_the_newest_messages_with_their_outcomes() {
         serde_json::to_value(&of_x[0]).expect("JSON"),
         json!({"number": 2, "at": of_x[0].at, "drive": "x", "port": "rs485", "text": "write Reserved = 5",
             "outcome": "refused: 0x000B Reserved is read only (02)", "verdict": "refused",
-            "reason": "0x000B Reserved is read only (02)", "bytes": "0106000B0005380B", "answer": "018602C3A1"})
+            "reason": "0x000B Reserved is read only (02)", "registers": ["Reserved"],
+            "bytes": "0106000B0005380B", "answer": "018602C3A1"})
     );
     for n in 0..130 {
         bench.ask(x, &rtu::write(1, 0x15, n));
