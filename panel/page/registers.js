@@ -154,6 +154,7 @@ function makeRow(app, drive, register, asHex) {
     draw() {
       if (!edited) input.value = shown();
       if (hasFields) text(means, typeof value === "number" ? meaning(register.fields, value) : "");
+      parts.forEach(part => (part.node.hidden = typeof value !== "number"));
       if (typeof value !== "number") return;
       if (!more.hidden) parts.forEach(part => part.update(value));
     },
