@@ -40,7 +40,7 @@ export function downloads(app, node) {
   node.append(record, forget, hint, el("div", { class: "segments", role: "group", "aria-label": "Download the recording" }, choices));
 
   const elapsed = () => {
-    text(words, from === null ? "Record" : clock((to ?? now()) - from, 1));
+    text(words, from === null ? "Record" : `${clock((to ?? now()) - from, 1)} s`);
     attr(record, "data-value", from === null ? null : (to ?? now()) - from);
   };
   const show = () => {

@@ -57,7 +57,7 @@ test("requests during the start-up are under the filter of the refused ones", ()
 
 test("a coil does not read as a register, and a missing function is no fault of a register", () => withMd3(async ({ master, page }) => {
   await sees(page, "[data-motion=position]", "data-value", 0);
-  // The MD3 has functions 3, 6 and 16 only.
+  // The MD3 has no coils.
   await assert.rejects(master.writeCoil(DEVICE_ADDRESS, true), { modbusCode: 1 });
   const row = await textOf(page, "[data-traffic][data-verdict=refused]");
   assert.match(row, /write coil 0x0000 = on/);
