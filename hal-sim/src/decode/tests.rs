@@ -140,18 +140,21 @@ fn exceptions_of_a_drive_that_exist_have_its_reasons() {
 
 #[test]
 fn a_refusal_blames_the_register_that_is_its_cause() {
-    // MD3 chapter 7: DeviceAddress 0x00, Reserved 0x0B, MotionControl 0x11, MoveSteps 0x12.
-    let blamed = |spec: &'static Spec, pdu: &[u8], code| {
+    // RS 434544 6.4, 6.5: TYPE_MODBUS 0x5001 takes 1 to 5, BITRATE_MODBUS 0x5002 takes 0 to 10; SPEED 0x500B, ACC 0x500C.
+    // MD3 chapter 7: Reserved is 0x0B.
+    let blamed = |spec: &Spec, pdu: &[u8], code| {
         let registers = modbus::request(spec, pdu).registers;
         let rows = modbus::blamed(spec, pdu, code, &registers);
         rows.into_iter().map(|row| spec.registers.rows[row].name).collect::<Vec<_>>()
     };
-    assert_eq!(blamed(md3(), &[16, 0, 0, 0, 2, 4, 0, 248, 3, 10], 3), ["DeviceAddress"]);
-    assert_eq!(blamed(md3(), &[16, 0, 0x0A, 0, 2, 4, 0, 0, 0, 5], 2), ["Reserved"]);
+    let rs = rs434544();
+    let both = [16, 0x50, 0x01, 0, 2, 4, 0, 3, 0, 11];
+    assert_eq!(blamed(rs.spec(), &both, 3), ["BITRATE_MODBUS"]);
+    assert_eq!(blamed(md3(), &[6, 0, 0x0B, 0, 5], 2), ["Reserved"]);
     // Only the drive knows why.
-    assert_eq!(blamed(md3(), &[16, 0, 0x11, 0, 3, 6, 0, 1, 0, 0, 0, 5], 4), ["MotionControl", "MoveSteps"]);
+    assert_eq!(blamed(rs.spec(), &[16, 0x50, 0x0B, 0, 2, 4, 0, 100, 0, 100], 4), ["SPEED", "ACC"]);
     // No function, no register, too many registers.
-    assert!(blamed(md3(), &[16, 0, 0, 0, 2, 4, 0, 248, 3, 10], 1).is_empty());
+    assert!(blamed(rs.spec(), &both, 1).is_empty());
     assert!(blamed(md3(), &[3, 0, 0x1E, 0, 4], 2).is_empty());
     assert!(blamed(md3(), &[3, 0, 0, 0, 33], 2).is_empty());
 }
