@@ -68,7 +68,7 @@ function pdu(bytes, isAnswer) {
     at += count;
   };
   const number = name => piece => `${name} ${piece.length > 1 ? word(piece, 0) : piece[0]}`;
-  const address = piece => `register 0x${word(piece, 0).toString(16).toUpperCase().padStart(4, "0")}`;
+  const address = piece => `${[1, 5, 15].includes(code) ? "coil" : code === 2 ? "discrete input" : "register"} 0x${word(piece, 0).toString(16).toUpperCase().padStart(4, "0")}`;
   const words = () => {
     while (at + 1 < bytes.length) take(2, piece => String(word(piece, 0)));
   };
@@ -87,7 +87,7 @@ function pdu(bytes, isAnswer) {
       }
     } else if (code === 5 || code === 6) {
       take(2, address);
-      take(2, number("value"));
+      take(2, code === 5 ? piece => ({ 0: "off", 0xff00: "on" })[word(piece, 0)] ?? `value ${word(piece, 0)}` : number("value"));
     } else if (code === 15 || code === 16) {
       take(2, address);
       take(2, number("how many:"));

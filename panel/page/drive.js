@@ -12,7 +12,7 @@ import { pulsesCard } from "./pulses.js";
 import { registersCard } from "./registers.js";
 import { terminalCard, textPorts } from "./terminal.js";
 import { trafficCard } from "./traffic.js";
-import { number } from "./format.js";
+import { failuresInWords, number } from "./format.js";
 
 /** What positions and speeds of a kind are in. */
 const unitsOf = kind => (/^(rs|mdrobot|qsb-[ds])/.test(kind) ? { position: "counts", speed: "counts/s" } : { position: "steps", speed: "steps/s" });
@@ -34,6 +34,7 @@ export function driveView(app, name) {
     const encoder = kind.encoders.length ? encoderCard(app, name) : null;
     const pulses = pulsesCard(app, name, kind, state.pins);
     const program = programCard(app, kind);
+    registers.node.classList.toggle("bounded", /^(rs|mdrive|qsb)/.test(kind.kind)); // a terminal or a program follows
     const terminals = textPorts(kind).map(port => terminalCard(app, name, kind, port));
     const lines = Object.entries(store.state.buses ?? {}).filter(([, bus]) => bus.drives.includes(name)).map(([bus]) => lineCard(app, bus));
     const shaft = kind.axes.length ? dial(units) : null;
@@ -43,7 +44,7 @@ export function driveView(app, name) {
     const limits = kind.not_modelled.length ? el("details", { class: "card limits" }, el("summary", {}, `Not modelled (${kind.not_modelled.length})`), el("ul", {}, kind.not_modelled.map(line => el("li", {}, line)))) : null;
     node.replaceChildren(head.node,
       el("div", { class: "columns" },
-        el("div", { class: "screens" }, motion, traffic.node, terminals.map(terminal => terminal.node), program.node, registers.node),
+        el("div", { class: "screens" }, motion, traffic.node, registers.node, terminals.map(terminal => terminal.node), program.node),
         el("div", { class: "controls" }, front.node, encoder?.node, pulses?.node, faults?.node, lines.map(line => line.node), statistics.node, limits)));
     parts = { head, traffic, registers, front, faults, program, terminals, lines, shaft, statistics };
     update({ changes: {}, traffic: waiting, leftOut: 0, whole: true });
@@ -65,9 +66,8 @@ export function driveView(app, name) {
     attr(node, "data-state", state.powered ? "on" : "off");
     for (const part of [parts.head, parts.traffic, parts.registers, parts.front, parts.faults, parts.program, parts.statistics, ...parts.lines]) part?.update(news);
     for (const frame of news.traffic) {
-      if (frame.verdict !== "refused") continue;
-      parts.registers.refused(frame);
-      plot.mark(frame);
+      parts.registers.take(frame);
+      if (frame.verdict === "refused") plot.mark(frame);
     }
     if (parts.shaft && (news.whole || news.changes.drive?.motion || news.changes.motors)) {
       const motor = Object.values(store.state.motors ?? {}).find(motor => motor.drive === name);
@@ -108,10 +108,10 @@ function header(app, name, kind) {
     document.querySelector("#traffic [data-filter=refused]").click();
   });
   const node = el("header", { class: "drive-head" },
-    el("div", {}, el("h1", {}, name), el("p", { class: "product" }, kind.product, el("code", {}, kind.kind), el("span", { class: "manual" }, kind.manual))), refused, wrap);
+    el("div", {}, el("h1", { title: name.length > 60 ? name : null }, name), el("p", { class: "product" }, kind.product, el("code", {}, kind.kind), el("span", { class: "manual" }, kind.manual))), refused, wrap);
   return {
     node,
-    update({ changes, whole, traffic }) {
+    update({ changes, whole }) {
       const drive = app.store.state.drive;
       if (whole || changes.drive?.powered !== undefined) {
         attr(node, "data-state", drive.powered ? "on" : "off");
@@ -124,10 +124,14 @@ function header(app, name, kind) {
         cut.disabled = Boolean(reason);
         if (reason) attr(cut, "title", reason);
       }
-      if (whole || traffic.length || changes.drives) {
-        const count = app.refused(name);
-        refused.hidden = count === 0;
-        text(refused, `${number(count)} refused`);
+      if (whole || changes.drives || changes.buses) {
+        // Messages on its line that were for no drive, or corrupt, had no answer either.
+        const lines = Object.values(app.store.state.buses ?? {}).filter(bus => bus.drives.includes(name));
+        const failures = app.failures(name);
+        for (const line of lines) failures.unanswered += line.unanswered ?? 0;
+        const words = failuresInWords(failures);
+        refused.hidden = words === "";
+        text(refused, words);
       }
     },
   };

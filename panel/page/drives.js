@@ -62,11 +62,10 @@ export function driveList(app, node) {
     const state = !drive.powered ? "off" : drive.fault ? "fault" : drive.moving ? "moving" : "idle";
     attr(row.lamp, "data-state", state);
     attr(row.lamp, "title", { off: "no power", fault: "has a fault", moving: "moving", idle: "powered, not moving" }[state]);
-    const refused = app.refused(name);
-    row.refused.hidden = refused === 0;
-    if (refused) {
-      text(row.refused, `${refused > 999 ? "999+" : refused} refused`);
-      attr(row.refused, "data-value", refused);
+    for (const [kind, count] of Object.entries(app.failures(name))) {
+      row[kind].hidden = count === 0;
+      if (count) text(row[kind], `${count > 999 ? "999+" : count} ${kind}`);
+      attr(row[kind], "data-value", count);
     }
     attr(row.link, "aria-current", name === chosen ? "page" : null);
   };
@@ -111,10 +110,10 @@ export function driveList(app, node) {
       attr(bench, "aria-current", name === null ? "page" : null);
       made.forEach(draw);
     },
-    update({ changes, whole, traffic }) {
+    update({ changes, whole }) {
       const changed = changes.drives;
       if (whole || Object.values(changed ?? {}).some(drive => drive === null || drive.kind !== undefined)) select();
-      else if (changed || traffic.length) made.forEach((row, name) => (changed?.[name] || traffic.length) && draw(row, name));
+      else if (changed) made.forEach((row, name) => changed[name] && draw(row, name));
     },
   };
 }
@@ -122,9 +121,10 @@ export function driveList(app, node) {
 function makeRow(name, index, all) {
   const lamp = el("span", { class: "lamp", "aria-hidden": "true" });
   const kind = el("span", { class: "kind" });
-  const refused = el("span", { class: "badge", hidden: true });
-  const link = el("a", { href: `#/${encodeURIComponent(name)}` }, lamp, el("span", { class: "name" }, name), " ", kind, " ", refused);
+  const refused = el("span", { class: "badge", "data-failures": "refused", hidden: true });
+  const unanswered = el("span", { class: "badge warn", "data-failures": "unanswered", hidden: true });
+  const link = el("a", { href: `#/${encodeURIComponent(name)}` }, lamp, el("span", { class: "name" }, name), " ", kind, " ", el("span", { class: "badges" }, refused, " ", unanswered));
   const node = el("li", { "data-listed": name, "aria-setsize": all, "aria-posinset": index + 1 }, link);
   node.style.transform = `translateY(${index * ROW}px)`;
-  return { node, link, lamp, kind, refused, index };
+  return { node, link, lamp, kind, refused, unanswered, index };
 }

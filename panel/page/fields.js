@@ -46,18 +46,19 @@ export function fieldList(name, fields, onChange) {
       };
     } else {
       control = el("input", { type: "number", min: 0, max: range.size - 1, class: "small", "aria-label": label });
-      control.addEventListener("change", () => set(Math.max(0, Math.min(range.size - 1, Number(control.value)))));
-      show = part => {
-        if (document.activeElement !== control) control.value = part;
+      control.addEventListener("change", () => (control.validity.valid && control.value !== "" ? set(Number(control.value)) : show(partOf(value, range), true)));
+      show = (part, isReset) => {
+        if (isReset || document.activeElement !== control) control.value = part;
       };
     }
-    return { node: el("div", { "data-field": title }, el("dt", {}, el("code", {}, field.bits), ` ${title}`), el("dd", {}, control)), show: () => show(partOf(value, range)) };
+    return { node: el("div", { "data-field": title }, el("dt", {}, el("code", {}, field.bits), ` ${title}`), el("dd", {}, control)), show: isReset => show(partOf(value, range), isReset) };
   });
   return {
     node: el("dl", { class: "fields" }, rows.map(row => row.node)),
-    update(next) {
+    /** Shows a value; with `isReset` also in the control that one types in. */
+    update(next, isReset = false) {
       value = next;
-      rows.forEach(row => row.show());
+      rows.forEach(row => row.show(isReset));
     },
   };
 }

@@ -39,5 +39,9 @@ export function hex(value, digits = 4) {
   return "0x" + bits.toString(16).toUpperCase().padStart(digits, "0");
 }
 
+/** Numbers of messages without success in words, empty if there are none. */
+export const failuresInWords = ({ refused, unanswered }) =>
+  [[refused, "refused"], [unanswered, "unanswered"]].filter(([count]) => count).map(([count, word]) => `${number(count)} ${word}`).join(", ");
+
 /** A rate from 0 to 1 as a percentage. */
 export const percent = rate => `${number(rate * 100, rate > 0 && rate < 0.01 ? 2 : rate < 0.1 ? 1 : 0)} %`;

@@ -13,15 +13,17 @@ import { timeControl } from "./time.js";
 const $ = id => document.getElementById(id);
 const store = new Store();
 const kinds = new Map();
-const refusals = new Map(); // by drive: {count, last}, `last` the number of the last message that was counted
 
 /** What the views share. */
 const app = {
   backend,
   store,
   histories: new Histories(),
-  /** Number of messages that a drive has refused, as far as the page knows. */
-  refused: name => refusals.get(name)?.count ?? 0,
+  /** Numbers of messages to a drive that it refused, and that had no answer. */
+  failures: name => {
+    const { refused = 0, unanswered = 0 } = store.state.drives?.[name] ?? {};
+    return { refused, unanswered };
+  },
   /** The description of a kind, asked for once. */
   async kind(name) {
     if (!kinds.has(name)) {
@@ -84,9 +86,7 @@ function route() {
 }
 
 function onUpdate(update, whole) {
-  if (whole && update.state.time.seconds < (store.state.time?.seconds ?? 0)) refusals.clear(); // another bench
   store.take(update, whole);
-  countRefusals(update);
   app.histories.take(store.state, whole);
   // A board may become a drive of another kind.
   if (view && update.state?.drive?.kind && view.kind !== store.state.drive.kind) {
@@ -95,23 +95,6 @@ function onUpdate(update, whole) {
   }
   if (!view && !missing && (whole || update.state?.drive)) open();
   if (!frame) frame = requestAnimationFrame(draw);
-}
-
-/** Counts refused messages: those that came by, or the greater number that the ports of the shown drive have counted. */
-function countRefusals(update) {
-  const of = name => {
-    if (!refusals.has(name)) refusals.set(name, { count: 0, last: 0 });
-    return refusals.get(name);
-  };
-  for (const { drive, number, verdict } of update.traffic ?? []) {
-    if (!drive || number === undefined || number <= of(drive).last) continue; // seen already: after a reconnection the latest ones come again
-    of(drive).last = number;
-    if (verdict === "refused") of(drive).count++;
-  }
-  const ports = update.state?.drive?.ports;
-  if (!ports) return;
-  const counted = Object.values(store.state.drive.ports).reduce((sum, port) => sum + (port.refused ?? 0), 0);
-  of(shown).count = Math.max(of(shown).count, counted);
 }
 
 /** Opens the view of the route, now that the bench's state is known. */

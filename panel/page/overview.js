@@ -4,7 +4,7 @@ import { attr, card, el, svg, text } from "./dom.js";
 import { ledColor } from "./faces.js";
 import { lineCard } from "./line.js";
 import { trafficCard } from "./traffic.js";
-import { byName, number } from "./format.js";
+import { byName, failuresInWords, number } from "./format.js";
 
 const MOST_DRAWN = 60; // drives
 const BOX = { width: 168, height: 74, gap: 20 };
@@ -12,7 +12,7 @@ const BOX = { width: 168, height: 74, gap: 20 };
 export function overview(app) {
   const traffic = trafficCard(app);
   const figures = el("dl", { class: "bench-figures" });
-  const values = new Map(["drives", "moving", "without power", "with faults", "lines", "refused"].map(name => {
+  const values = new Map(["drives", "moving", "without power", "with faults", "lines", "refused", "unanswered"].map(name => {
     const value = el("dd", {});
     figures.append(el("div", {}, el("dt", {}, name), value));
     return [name, value];
@@ -66,21 +66,24 @@ export function overview(app) {
       if (whole || added || changes.wires) build();
       traffic.update(news);
       line?.update(news);
-      if (!whole && !changes.drives && !changes.motors && !changes.buses && !news.traffic.length) return;
-      if (whole || added || changes.drives || news.traffic.length) {
+      if (!whole && !changes.drives && !changes.motors && !changes.buses) return;
+      if (whole || added || changes.drives || changes.buses) {
         const drives = Object.entries(state.drives ?? {});
         text(values.get("drives"), number(drives.length));
         text(values.get("moving"), number(drives.filter(([, drive]) => drive.moving).length));
         text(values.get("without power"), number(drives.filter(([, drive]) => !drive.powered).length));
         text(values.get("with faults"), number(drives.filter(([, drive]) => drive.fault).length));
         text(values.get("lines"), number(Object.keys(state.buses ?? {}).length));
-        const refused = drives.reduce((sum, [name]) => sum + app.refused(name), 0);
-        text(values.get("refused"), number(refused));
-        attr(values.get("refused"), "class", refused ? "bad" : null);
+        for (const kind of ["refused", "unanswered"]) {
+          const all = [...drives.map(([name]) => app.failures(name)), ...Object.values(state.buses ?? {})];
+          const count = all.reduce((sum, one) => sum + (one[kind] ?? 0), 0);
+          text(values.get(kind), number(count));
+          attr(values.get(kind), "class", count ? "bad" : null);
+        }
       }
       if (whole || added || changes.wires) refresh();
       else if (picture.size) {
-        const names = new Set([...Object.keys(changes.drives ?? {}), ...Object.keys(changes.motors ?? {}).map(name => `motor ${name}`), ...news.traffic.map(frame => frame.drive)]);
+        const names = new Set([...Object.keys(changes.drives ?? {}), ...Object.keys(changes.motors ?? {}).map(name => `motor ${name}`)]);
         for (const name of names) picture.get(name)?.(state);
       }
     },
@@ -97,12 +100,17 @@ function matrix(app, changes) {
     changes.set(name, state => {
       const drive = state.drives?.[name];
       if (drive) attr(tile, "data-state", stateOf(drive));
-      tile.classList.toggle("refused", app.refused(name) > 0);
+      const words = failuresInWords(app.failures(name));
+      tile.classList.toggle("refused", words !== "");
+      attr(tile, "title", words ? `${name}: ${words}` : name);
     });
   }
   const key = ["idle", "moving", "fault", "off"].map(state => el("span", {}, el("i", { "data-state": state }), { idle: "not moving", moving: "moving", fault: "has a fault", off: "no power" }[state]));
-  return el("div", {}, field, el("p", { class: "matrix-key", "aria-hidden": "true" }, key, el("span", {}, el("i", { "data-state": "idle", class: "refused" }), "has refused a message")));
+  return el("div", {}, field, el("p", { class: "matrix-key", "aria-hidden": "true" }, key, el("span", {}, el("i", { "data-state": "idle", class: "refused" }), "has refused or not answered a message")));
 }
+
+/** A name with at most so many characters. */
+const short = (name, most) => (name.length > most ? `${name.slice(0, most - 1)}…` : name);
 
 const stateOf = drive => (!drive.powered ? "off" : drive.fault ? "fault" : drive.moving ? "moving" : "idle");
 
@@ -158,7 +166,7 @@ function draw(app, box, wires) {
       const at = y + i * rail + 14;
       const isTcp = !buses[bus].line;
       under.push(svg("line", { x1: x, x2: x + columns * step - BOX.gap + (rows > 1 ? 12 : 0), y1: at, y2: at, class: isTcp ? "rail tcp" : "rail" }));
-      over.push(svg("text", { x: x, y: at - 5, class: "rail-name" }, bus, svg("tspan", { class: "rail-line", dx: 6 }, buses[bus].line ?? "TCP")));
+      over.push(svg("text", { x: x, y: at - 5, class: "rail-name" }, svg("title", {}, bus), short(bus, columns > 1 ? 40 : 14), svg("tspan", { class: "rail-line", dx: 6 }, buses[bus].line ?? "TCP")));
       names.forEach((name, n) => {
         if (!buses[bus].drives.includes(name)) return;
         if (n >= perRow) {
@@ -180,7 +188,7 @@ function draw(app, box, wires) {
       const badge = svg("text", { x: BOX.width - 12, y: 60, class: "box-refused", "text-anchor": "end" });
       const link = svg("a", { href: `#/${encodeURIComponent(name)}`, transform: `translate(${left} ${top})`, class: "box" },
         svg("title", {}, `${name}, ${drives[name].kind}`), svg("rect", { width: BOX.width, height: BOX.height, rx: 7 }),
-        svg("text", { x: 14, y: 23, class: "box-name" }, name.length > 16 ? `${name.slice(0, 15)}…` : name), svg("text", { x: 14, y: 40, class: "box-kind" }, drives[name].kind), lamp, lights, figure, badge);
+        svg("text", { x: 14, y: 23, class: "box-name" }, short(name, 14)), svg("text", { x: 14, y: 40, class: "box-kind" }, drives[name].kind), lamp, lights, figure, badge);
       items.push(link);
       const motor = Object.entries(motors).find(([, motor]) => motor.drive === name);
       let shaft = null;
@@ -188,7 +196,7 @@ function draw(app, box, wires) {
         const cx = left + 34, cy = top + BOX.height + 40;
         shaft = svg("g", {}, svg("line", { x1: 0, x2: 0, y1: -6, y2: -17, class: "shaft-mark" }));
         under.push(svg("line", { x1: cx, x2: cx, y1: top + BOX.height, y2: cy - 20, class: "tap motor" }));
-        items.push(svg("g", { transform: `translate(${cx} ${cy})`, class: "motor-sign" }, svg("circle", { r: 20 }), shaft, svg("text", { x: 30, y: -2, class: "box-kind" }, `motor ${motor[0]}`)));
+        items.push(svg("g", { transform: `translate(${cx} ${cy})`, class: "motor-sign" }, svg("circle", { r: 20 }), shaft, svg("text", { x: 30, y: -2, class: "box-kind" }, `motor ${short(motor[0], 12)}`)));
         places.set(motor[0], { x: cx - 8, y: cy + 18, taken: 0 });
         const rpm = svg("text", { x: cx + 30, y: cy + 14, class: "box-figure" });
         items.push(rpm);
@@ -210,8 +218,8 @@ function draw(app, box, wires) {
           lights.replaceChildren(...(drive.lit ?? "").split(" ").filter(Boolean).map((led, i) =>
             svg("circle", { cx: BOX.width - 16 - 13 * i, cy: 36, r: 3.5, class: `light ${ledColor(drive.kind, led)}` })));
         }
-        const refused = app.refused(name);
-        text(badge, refused ? `${number(refused)} refused` : "");
+        const { refused, unanswered } = app.failures(name);
+        text(badge, refused && unanswered ? `${number(refused + unanswered)} failed` : failuresInWords({ refused, unanswered }));
       });
     });
     x += columns * step + 16;
@@ -241,7 +249,7 @@ function draw(app, box, wires) {
     paths.push(
       svg("path", { class: outs.length > 1 ? "wire several" : "wire", d: `M${start} ${a.y}V${lane - r}Q${start} ${lane} ${start + way * r} ${lane}H${end - way * r}Q${end} ${lane} ${end} ${lane - r}V${b.y}` }),
       svg("circle", { cx: end, cy: b.y, r: outs.length > 1 ? 3.4 : 2.6, class: "wire-end" }),
-      svg("text", { x: Math.max((start + end) / 2, 90), y: lane - 6, "text-anchor": "middle", class: "wire-name" }, `${from} ${outs.join(", ")} → ${to} ${ins.join(", ")}`));
+      svg("text", { x: Math.max((start + end) / 2, 90), y: lane - 6, "text-anchor": "middle", class: "wire-name" }, `${short(from, 16)} ${outs.join(", ")} → ${short(to, 16)} ${ins.join(", ")}`));
     lane += 24;
   }
   const height = Math.max(y + rowHeight + 6, paths.length ? lane - 8 : 0);

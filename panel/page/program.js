@@ -13,9 +13,11 @@ export function programCard(app, kind) {
     node,
     update({ changes, whole }) {
       const change = whole ? app.store.state.drive?.program : changes.drive?.program;
-      if (change === undefined && !whole) return;
+      const reason = app.cannot("program");
+      if (change === undefined && !whole && !changes.cannot) return;
       const program = app.store.state.drive?.program;
-      node.hidden = !program;
+      node.hidden = !program && !reason;
+      text(empty, program || !reason ? "The memory of the drive has no program." : `The program is not shown: ${reason}.`);
       if (!program) return;
       if (whole || change?.lines) {
         rows.clear();

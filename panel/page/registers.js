@@ -8,8 +8,11 @@ const LIT = 900; // milliseconds
 const ON_THE_BUS = ["holding", "input", "coil", "discrete"]; // spaces with addresses; others are reached by name only
 const BITS = { bit: 1, u8: 2, u16: 4, i16: 4, u32: 8, i32: 8 };
 
-/** A typed value: decimal, 0x, 0b, or several words; null if it is none. */
-export function parse(typed) {
+/** A typed value: decimal, 0x, 0b, with commas between the words of a list; null if it is none. Elsewhere commas between
+ * thousands are left out: 10,000 is ten thousand. */
+export function parse(typed, isList) {
+  const thousands = /^\s*[-−]?\d{1,3}(,\d{3})+\s*$/;
+  if (!isList && thousands.test(typed)) typed = typed.replaceAll(",", "");
   const one = word => {
     const clean = word.replace(/[\s _]/g, "").replace("−", "-");
     return /^-?(\d+|0x[0-9a-f]+|0b[01]+)$/i.test(clean) ? (clean.startsWith("-") ? -Number(clean.slice(1)) : Number(clean)) : NaN;
@@ -84,20 +87,20 @@ export function registersCard(app, drive, kind) {
 
   return {
     node,
-    /** Takes the sentences of refused messages to the registers that they name. */
-    refused(frame) {
-      for (const word of new Set(`${frame.text} ${frame.reason ?? ""}`.match(/[A-Za-z]\w*/g) ?? [])) {
-        const row = rows.get(word) ?? rows.get(word.replace(/(High|Low)$/, ""));
-        row?.refuse(frame);
+    /** Takes the sentence of a refused message to the registers that it is about, until one writes them. */
+    take(frame) {
+      for (const name of frame.registers ?? []) {
+        if (frame.verdict === "refused") rows.get(name)?.refuse(frame);
+        else rows.get(name)?.forgive();
       }
-      if (only === "refused") sift();
+      if (only === "refused" && frame.registers) sift();
     },
     update({ changes, whole }) {
-      const values = whole ? app.store.state.drive?.registers : changes.drive?.registers;
-      for (const [name, value] of Object.entries(values ?? {})) {
-        const row = rows.get(name);
-        if (!row || value === null) continue;
-        const isNew = row.set(value);
+      const now = app.store.state.drive;
+      const isAll = whole || changes.drive?.powered !== undefined;
+      for (const [name, row] of isAll ? rows : Object.keys(changes.drive?.registers ?? {}).map(name => [name, rows.get(name)])) {
+        // Without power nobody can read a value. A board that cannot be reached has none either.
+        const isNew = row?.set(now?.powered ? now.registers?.[name] : undefined);
         if (isNew && !whole) {
           row.changed = true;
           if (!lit.has(row)) row.node.classList.add("lit");
@@ -113,13 +116,18 @@ export function registersCard(app, drive, kind) {
 function makeRow(app, drive, register, asHex) {
   const { name, address, space, type, access, doc, section } = register;
   const digits = BITS[type] ?? 4;
+  const isList = !(type in BITS);
   let value, edited = false;
-  const input = el("input", { "data-edit": name, "aria-label": name, inputmode: "text", autocomplete: "off", spellcheck: "false", tabindex: -1, title: "Enter writes, Escape gives up, Alt and down shows the fields", disabled: access === "-" });
+  const input = el("input", { "data-edit": name, "aria-label": name, inputmode: "text", autocomplete: "off", spellcheck: "false", tabindex: -1, title: "Enter writes, Escape gives up, Alt and down shows the fields", disabled: access === "-", placeholder: "–" });
   const hasFields = register.fields?.length > 0;
   const means = el("p", { class: "meaning" });
   const parts = [hasFields ? fieldList(name, register.fields, next => write(next)) : null, digits > 1 ? bitList(digits) : null].filter(Boolean);
   const error = el("p", { class: "error", role: "alert", hidden: true });
-  const refusal = el("p", { class: "refusal", hidden: true });
+  const refused = el("span", {});
+  const refusal = el("p", { class: "refusal", hidden: true }, refused, button("×", { class: "ghost", "aria-label": `Close the note on ${name}`, tabindex: -1 }, () => {
+    row.forgive();
+    input.focus();
+  }));
   const more = el("div", { class: "register-more", id: `more-${name}`, hidden: true });
   const title = button([el("span", { class: "name" }, breakable(name))], { class: "register-name", "aria-expanded": false, tabindex: -1, "aria-controls": `more-${name}` }, () => {
     const open = more.hidden;
@@ -145,24 +153,30 @@ function makeRow(app, drive, register, asHex) {
     words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
     draw() {
       if (!edited) input.value = shown();
+      if (hasFields) text(means, typeof value === "number" ? meaning(register.fields, value) : "");
+      parts.forEach(part => (part.node.hidden = typeof value !== "number"));
       if (typeof value !== "number") return;
-      if (hasFields) text(means, meaning(register.fields, value));
       if (!more.hidden) parts.forEach(part => part.update(value));
     },
     /** Takes a value; true if it is another one than before. */
     set(next) {
       if (String(next) === String(value)) return false;
-      const first = value === undefined;
+      const both = value !== undefined && next !== undefined;
       value = next;
       attr(node, "data-value", Array.isArray(next) ? next.join(",") : next);
       row.draw();
-      return !first;
+      return both;
     },
     refuse(frame) {
       row.refused = true;
       refusal.hidden = false;
-      refusal.replaceChildren(el("b", {}, `Refused at ${clock(frame.at)} s: `), `${frame.text}. ${frame.reason ?? ""}`);
+      refused.replaceChildren(el("b", {}, `Refused at ${clock(frame.at)} s: `), frame.text, frame.reason ? `: ${frame.reason}` : "");
       node.classList.add("has-refusal");
+    },
+    forgive() {
+      row.refused = false;
+      refusal.hidden = true;
+      node.classList.remove("has-refusal");
     },
   };
   const fail = sentence => {
@@ -185,16 +199,22 @@ function makeRow(app, drive, register, asHex) {
   };
   const commit = async () => {
     if (!edited) return;
-    const typed = parse(input.value);
-    if (typed === null) return fail(`'${input.value}' is not a number: write it as 10, -10 or 0x0A, words with commas between them.`);
+    const typed = parse(input.value, isList);
+    if (typed === null) return fail(`'${input.value}' is not a number; write it as 10, -10 or 0x0A${isList ? ", with commas between the words" : ""}`);
+    if ([typed].flat().some(number => !Number.isSafeInteger(number))) return fail(`'${input.value}' is too large`);
+    if (Array.isArray(typed) && !isList) return fail(`${name} takes one number, not ${typed.length}`);
     await write(typed);
   };
   const write = async typed => {
     const answer = await app.backend.call("PUT", `drives/${encodeURIComponent(drive)}/registers/${encodeURIComponent(name)}`, { value: typed });
-    if (!answer.ok) return fail(answer.body?.detail ?? "The bench refused the value.");
+    if (!answer.ok) {
+      // The fields have not taken the value: they show again what the drive has.
+      if (typeof value === "number") parts.forEach(part => part.update(value, true));
+      return fail(answer.body?.detail ?? "The bench refused the value.");
+    }
+    // The next update has what the drive made of the value.
     fail(null);
-    value = typed;
-    attr(node, "data-value", Array.isArray(typed) ? typed.join(",") : typed);
+    row.forgive();
     revert();
   };
   input.addEventListener("keydown", event => {

@@ -5,16 +5,18 @@ import { parts } from "./bytes.js";
 import { clock, duration, number } from "./format.js";
 
 const KEPT = 1000; // frames
-const KEPT_TROUBLE = 300; // frames that were not done, kept also when many others follow
+const KEPT_TROUBLE = 300; // frames without success, kept also when many others follow
 const ROWS = 300; // rows in the document
 const FLOOD = 12; // frames at a time from which on only the newest rows are drawn, seven times per second
 const FLOOD_ROWS = 20;
 const FLOOD_PAUSE = 140; // milliseconds
 
+/** True for a message without success: what a person looks for whose master gets no answer. */
+const hasFailed = frame => frame.verdict === "refused" || frame.unanswered === true;
+
 const FILTERS = [
   ["all", "All", () => true],
-  ["refused", "Refused", frame => frame.verdict === "refused"],
-  ["errors", "Errors", frame => frame.verdict !== "done"],
+  ["refused", "Refused or unanswered", frame => hasFailed(frame)],
 ];
 
 /** The words for each verdict. */
@@ -26,12 +28,13 @@ const VERDICTS = {
 export function trafficCard(app, { drive = null } = {}) {
   const all = [], trouble = [];
   const before = new Map(); // time of the last message, by port
-  let filter = FILTERS[0], words = "", refused = 0, total = 0, lastNumber = 0, lastSent = -1, lastAt = 0;
+  let filter = FILTERS[0], words = "", failed = 0, total = 0, lastNumber = 0, lastSent = -1, lastAt = 0;
 
   const chips = FILTERS.map(entry => button(entry[1], { "data-filter": entry[0], "aria-pressed": entry === filter }, () => choose(entry)));
   const search = el("input", { type: "search", placeholder: "Filter", "aria-label": "Filter messages by text", class: "filter", autocomplete: "off", spellcheck: "false" });
   const clear = button("Clear", { class: "ghost" }, () => {
-    all.length = trouble.length = 0;
+    all.length = trouble.length = failed = 0;
+    count();
     show();
   });
   const rows = el("ol", { class: "frames" });
@@ -43,6 +46,10 @@ export function trafficCard(app, { drive = null } = {}) {
 
   const passes = frame => filter[2](frame) &&
     (words === "" || `${frame.text} ${frame.outcome} ${frame.drive} ${frame.verdict}`.toLowerCase().includes(words));
+  const count = () => {
+    text(chips[1], failed ? `${FILTERS[1][1]} ${number(failed)}` : FILTERS[1][1]);
+    chips[1].classList.toggle("has-refused", failed > 0);
+  };
   const choose = entry => {
     filter = entry;
     chips.forEach((chip, index) => attr(chip, "aria-pressed", FILTERS[index] === entry));
@@ -103,7 +110,7 @@ export function trafficCard(app, { drive = null } = {}) {
     update({ traffic: news, leftOut, whole, changes }) {
       if (whole || changes.cannot !== undefined) note();
       if (whole && (app.store.state.time?.seconds ?? 0) < lastAt) {
-        all.length = trouble.length = refused = lastNumber = lastAt = 0; // another bench
+        all.length = trouble.length = failed = lastNumber = lastAt = 0; // another bench
         lastSent = -1;
         before.clear();
         show();
@@ -125,15 +132,14 @@ export function trafficCard(app, { drive = null } = {}) {
         else lastNumber = frame.number;
         lastAt = Math.max(lastAt, frame.at);
         all.push(frame);
-        if (frame.verdict !== "done") trouble.push(frame);
-        if (frame.verdict === "refused") refused++;
+        if (hasFailed(frame)) {
+          trouble.push(frame);
+          failed++;
+        }
       }
       if (all.length > KEPT) all.splice(0, all.length - KEPT);
       if (trouble.length > KEPT_TROUBLE) trouble.splice(0, trouble.length - KEPT_TROUBLE);
-      if (refused) {
-        text(chips[1], `Refused ${refused}`);
-        chips[1].classList.add("has-refused");
-      }
+      count();
       const passing = traffic.filter(passes);
       if (!passing.length && !fresh.length) return;
       if (ours && !isOpen()) {
@@ -172,7 +178,7 @@ function row(frame, ofDrive) {
   const isRead = frame.verdict === "done" && frame.text.startsWith("read ") && / = /.test(frame.outcome);
   const said = isRead ? `read ${frame.outcome}` : frame.text;
   const outcome = isRead || frame.sent || !frame.outcome || frame.outcome === "done" ? null : frame.outcome;
-  const verdict = VERDICTS[frame.verdict];
+  const verdict = VERDICTS[frame.verdict] ?? (frame.unanswered ? "answer lost" : undefined);
   const line = button([
     el("span", { class: "at" }, clock(frame.at)),
     el("span", { class: "gap", title: "since the message before" }, frame.gap === null ? "" : `+${duration(frame.gap)}`),
@@ -187,7 +193,7 @@ function row(frame, ofDrive) {
     if (open) node.append(details(frame));
     else node.lastChild.remove();
   });
-  const node = el("li", { "data-traffic": frame.number ?? "sent", "data-verdict": frame.verdict, "data-at": frame.at, "data-of": frame.drive }, line);
+  const node = el("li", { "data-traffic": frame.number ?? "sent", "data-verdict": frame.verdict, "data-unanswered": frame.unanswered, "data-at": frame.at, "data-of": frame.drive }, line);
   return node;
 }
 
@@ -197,8 +203,7 @@ function details(frame) {
     hex ? el("dl", {}, parts(hex, isAnswer).map(([bytes, meaning]) => el("div", {}, el("dt", {}, bytes), el("dd", {}, meaning))))
       : el("p", {}, "none"));
   return el("div", { class: "frame-details" },
-    frame.verdict === "done" && frame.outcome !== "done" ? el("p", { class: "why" }, el("b", {}, `${frame.text}: `), frame.outcome) : null,
-    frame.verdict !== "done" && frame.reason ? el("p", { class: "why" }, el("b", {}, "Why: "), frame.reason) : null,
+    frame.reason && !frame.outcome.includes(frame.reason) ? el("p", { class: "why" }, el("b", {}, "Why: "), frame.reason) : null,
     list(frame.sent ? "Sent by the drive" : "Request", frame.bytes, frame.sent ?? false),
     frame.sent ? null : list("Answer", frame.answer, true));
 }

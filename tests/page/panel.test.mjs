@@ -8,9 +8,8 @@ import { tmpdir } from "node:os";
 import { join } from "node:path";
 import { after, before, test } from "node:test";
 
-import ModbusRTU from "modbus-serial";
-
 import { browser as startBrowser, click, DRIVETWIN, open, run, sees, textOf } from "./bench.mjs";
+import { runMd3 } from "./md3.mjs";
 
 // Registers of the MD3 User Guide, chapter 7.
 const MOVE_STEPS = 0x12, SPEED = 0x14, MOTION_CONTROL = 0x11, EEPROM_CONTROL = 0x1a, RESERVED = 0x0b;
@@ -19,29 +18,7 @@ let browser;
 before(async () => { browser = await startBrowser(); });
 after(() => browser.close());
 
-/** A foreign master on the line of a drive: RTU frames over TCP. */
-async function masterOf(bench) {
-  const master = new ModbusRTU();
-  await master.connectTelnet("127.0.0.1", { port: bench.port });
-  master.setID(1);
-  master.setTimeout(2000);
-  return master;
-}
-
-/** Runs a test with an MD3, its page and a master. */
-async function withMd3(act, ...options) {
-  const bench = await run("md3", "--listen", "tcp:127.0.0.1:0", "--fast-boot", ...options);
-  const master = await masterOf(bench);
-  const { page, faults } = await open(browser, `${bench.control}/#/md3`);
-  try {
-    await act({ bench, master, page });
-    assert.deepEqual(faults, []);
-  } finally {
-    await page.close();
-    master.close(() => {});
-    await bench.stop();
-  }
-}
+const withMd3 = (act, ...options) => runMd3(browser, act, ["--fast-boot", ...options]);
 
 test("the page shows the lights and the motion of a drive that a master moves", () => withMd3(async ({ master, page }) => {
   // 7.20: D6 is the green light of the power; nothing moves yet.

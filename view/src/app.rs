@@ -264,7 +264,7 @@ impl App {
         };
         let matches = |frame: &&Value| {
             (filter.is_empty() || ["text", "outcome", "port", "verdict"].iter().any(|of| has(frame, of)))
-                && !(self.only_errors && frame["verdict"] == "done")
+                && !(self.only_errors && frame["verdict"] == "done" && frame["unanswered"] != true)
         };
         self.bench.frames().iter().filter(matches).collect()
     }

@@ -16,7 +16,7 @@ use crate::line::SerialLine;
 use crate::line::collisions::{CollisionTracker, SentRequest};
 use crate::record::capture::Medium;
 use crate::record::effects::{FrameEffect, FrameEffects};
-use crate::record::journal::{Draft, Entry, Journal, NoMessage, Outcome};
+use crate::record::journal::{Draft, Entry, Failures, Journal, NoMessage, Outcome};
 use crate::record::own_messages::OwnMessage;
 use crate::record::requests::StartingRequests;
 use crate::record::trace::InputRecord;
@@ -69,6 +69,8 @@ pub struct ReceivedMessage {
     pub bytes: Vec<u8>,
     /// Bytes of the answer, at most 1,024; empty if there was none.
     pub answer: Vec<u8>,
+    /// True if no whole answer reached the client: nobody executed or refused the message, or the answer was lost.
+    pub unanswered: bool,
     /// The message and its outcome, as text and as fields.
     pub exchange: Exchange,
 }
@@ -206,6 +208,7 @@ fn words(spec: &'static Spec, entry: &Entry) -> ReceivedMessage {
         port: spec.ports.get(usize::from(entry.port.0)).map_or("", |port| port.name),
         bytes: entry.message().to_vec(),
         answer: entry.answer().to_vec(),
+        unanswered: entry.is_unanswered(),
         exchange: decode::exchange(spec, entry),
     }
 }
@@ -361,6 +364,18 @@ impl Bench {
     #[must_use]
     pub fn starting_count(&self) -> u64 {
         self.starting_count
+    }
+
+    /// Numbers of messages that a drive has refused so far, and that it did not receive or read.
+    #[must_use]
+    pub fn failures(&self, drive: DriveId) -> Failures {
+        self.at(drive).state.journal.failures()
+    }
+
+    /// Number of messages so far on a line of several drives that were corrupt, or for an address that none of them has.
+    #[must_use]
+    pub fn unanswered_on(&self, Bus(bus): Bus) -> u64 {
+        self.buses[bus as usize].journal.failures().unanswered
     }
 
     /// Number of messages that all journals have taken so far.

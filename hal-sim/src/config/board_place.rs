@@ -71,6 +71,8 @@ pub mod reasons {
     /// Scenarios.
     pub const NO_SCENARIO: &str =
         "a scenario is played by a bench, and not on a board; switch pins, faults and power from the test";
+    /// Programs of users.
+    pub const NO_PROGRAM: &str = "a board does not tell which line of its program runs; GET /api/drives/NAME/memory has the saved memory with the program";
     /// Journals.
     pub const NO_JOURNAL: &str = "a board does not report the outcomes of messages; GET /api/trace has its characters, and ports of the drive its statistics";
     /// Motors, switches, wires, further drives.

@@ -159,6 +159,9 @@ pub struct Exchange {
     pub reason: Option<String>,
     /// The outcome in one clause: `done`, `Speed = 9000`, `refused: 0x000B Reserved is read only (02)`.
     pub outcome: String,
+    /// Rows of the registers that a refusal is about: none if the drive does not have the function, or refuses the request
+    /// for another cause than a register.
+    pub blamed: Vec<usize>,
 }
 
 impl fmt::Display for Exchange {
@@ -319,7 +322,11 @@ pub fn exchange(spec: &Spec, entry: &Entry) -> Exchange {
             (Some(reason), format!("{outcome}; {clauses}"))
         }
     };
-    Exchange { request, verdict, reason, outcome }
+    let blamed = match entry.outcome {
+        Outcome::Refused(code) => blamed(spec, &message, entry, code, &request.registers),
+        _ => Vec::new(),
+    };
+    Exchange { request, verdict, reason, outcome, blamed }
 }
 
 /// Part of the answer that the drive has sent, if it lost its power before the end.
@@ -384,6 +391,19 @@ fn refusal(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8) -> Strin
         Framing::Return => {
             error(spec, code).map_or_else(|| format!("error {code}"), |text| format!("{text} (error {code})"))
         }
+    }
+}
+
+/// Rows of the registers that a refusal is about.
+fn blamed(spec: &Spec, message: &Message<'_>, entry: &Entry, code: u8, registers: &[Register]) -> Vec<usize> {
+    match message.framing {
+        // A drive that starts would refuse anything.
+        _ if entry.deaf_for.is_some_and(|left| left > Duration::ZERO) || entry.unreadable > 0 => Vec::new(),
+        Framing::Silence | Framing::Mbap => {
+            let pdu = message.body().map(|(_, pdu)| pdu).unwrap_or_default();
+            modbus::blamed(spec, &pdu, code, registers)
+        }
+        Framing::Character | Framing::Return => registers.iter().map(|register| register.row).collect(),
     }
 }
 

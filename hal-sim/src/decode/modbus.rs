@@ -139,7 +139,7 @@ impl<'a> Access<'a> {
         let registers = parts.iter().filter_map(|part| {
             let (row, _) = part.row?;
             let value = data.and_then(|data| value(spec, part, data));
-            Some(Register { row, name: name(spec, part), value, written })
+            Some(Register { row, name: name(spec, part, self.space), value, written })
         });
         registers.collect()
     }
@@ -157,13 +157,17 @@ fn address(spec: &Spec, address: u16) -> String {
     if spec.decimal { address.to_string() } else { format!("0x{address:04X}") }
 }
 
-/// Name of a part, or its addresses.
-fn name(spec: &Spec, part: &Part) -> String {
+/// Name of a part, or its addresses; of coils and inputs with the kind, so that they do not read as registers.
+fn name(spec: &Spec, part: &Part, space: Space) -> String {
     let Some((_, row)) = part.row else {
         let last = part.address.saturating_add(part.count - 1);
-        return match part.count {
-            1 => address(spec, part.address),
-            _ => format!("{} to {}", address(spec, part.address), address(spec, last)),
+        let (several, addresses) = match part.count {
+            1 => ("", address(spec, part.address)),
+            _ => ("s", format!("{} to {}", address(spec, part.address), address(spec, last))),
+        };
+        return match space {
+            Space::Coil | Space::Discrete | Space::Input => format!("{}{several} {addresses}", kind(space)),
+            Space::Holding | Space::Variable | Space::Setting => addresses,
         };
     };
     if part.is_whole() || spec.registers.layout.objects {
@@ -270,13 +274,13 @@ fn names(spec: &Spec, access: &Access<'_>) -> String {
         [] => format!("nothing at {}", address(spec, access.first)),
         [first, .., last] if parts.len() > FEW || access.count > LARGEST => {
             let edge = |part: &Part, at: u16| match part.row {
-                Some(_) => name(spec, part),
+                Some(_) => name(spec, part, access.space),
                 None => address(spec, at),
             };
             let end = last.address.saturating_add(last.count.saturating_sub(1));
             format!("{} from {} to {}", quantity(access), edge(first, first.address), edge(last, end))
         }
-        parts => parts.iter().map(|part| name(spec, part)).collect::<Vec<_>>().join(", "),
+        parts => parts.iter().map(|part| name(spec, part, access.space)).collect::<Vec<_>>().join(", "),
     }
 }
 
@@ -294,15 +298,23 @@ fn quantity(access: &Access<'_>) -> String {
 fn values(spec: &Spec, access: &Access<'_>, data: &Data<'_>) -> String {
     let parts = access.parts(spec);
     let one = |part: &Part| {
+        let one = |word: u16| match (access.has_bits(), word) {
+            (true, 0) => "off".to_owned(),
+            (true, _) => "on".to_owned(),
+            (false, word) => word.to_string(),
+        };
         let raw = || {
             let words = (0..usize::from(part.count.min(FEW as u16))).map(|n| data.word(part.offset + n));
-            words.map_while(|word| Some(word?.to_string())).collect::<Vec<_>>().join(", ")
+            words.map_while(|word| Some(one(word?))).collect::<Vec<_>>().join(", ")
         };
         let value = match part.row {
-            Some(_) => value(spec, part, data).map(|value| value.to_string()).unwrap_or_default(),
-            None => raw(),
+            Some(_) if !access.has_bits() => {
+                value(spec, part, data).map(|value| value.to_string()).unwrap_or_default()
+            }
+            _ => raw(),
         };
-        if value.is_empty() { name(spec, part) } else { format!("{} = {value}", name(spec, part)) }
+        let name = name(spec, part, access.space);
+        if value.is_empty() { name } else { format!("{name} = {value}") }
     };
     let mut texts: Vec<String> = parts.iter().take(FEW).map(one).collect();
     if parts.is_empty() {
@@ -338,7 +350,7 @@ pub(super) fn refusal(spec: &Spec, pdu: &[u8], code: u8, error: Option<u8>) -> S
         super::error(spec, number).map(|text| format!("{text} (error {number})"))
     };
     let why = if code == 4 { None } else { cause(spec, pdu, code) };
-    let why = why.or_else(of_drive).unwrap_or_else(|| {
+    let why = why.map(|cause| cause.text).or_else(of_drive).unwrap_or_else(|| {
         match code {
             1 => "illegal function",
             2 => "illegal data address",
@@ -354,76 +366,105 @@ pub(super) fn refusal(spec: &Spec, pdu: &[u8], code: u8, error: Option<u8>) -> S
     format!("{why} ({code:02})")
 }
 
+/// Rows that are the cause of an exception: none if the request itself is, all if only the drive knows.
+pub(super) fn blamed(spec: &Spec, pdu: &[u8], code: u8, registers: &[Register]) -> Vec<usize> {
+    match cause(spec, pdu, code).filter(|_| code != 4) {
+        Some(cause) => cause.row.into_iter().collect(),
+        None => registers.iter().map(|register| register.row).collect(),
+    }
+}
+
+/// Cause of an exception.
+struct Cause {
+    /// The row that is the cause; `None` if the request itself is.
+    row: Option<usize>,
+    text: String,
+}
+
+impl Cause {
+    fn of_request(text: String) -> Self {
+        Self { row: None, text }
+    }
+
+    fn of_row(row: usize, text: String) -> Self {
+        Self { row: Some(row), text }
+    }
+}
+
 /// Cause of an exception: the first one in the order in which a drive checks a request.
-fn cause(spec: &Spec, pdu: &[u8], code: u8) -> Option<String> {
+fn cause(spec: &Spec, pdu: &[u8], code: u8) -> Option<Cause> {
     let function = pdu.first()? & !EXCEPTION_BIT;
     if code == 1 {
-        return Some(match pdu.first()? {
+        return Some(Cause::of_request(match pdu.first()? {
             exception if exception & EXCEPTION_BIT != 0 => {
                 format!("the drive has no function 0x{exception:02X}, a code of answers")
             }
             _ => format!("the drive has no function {function}"),
-        });
+        }));
     }
     if let &[WRITE_SINGLE_COIL, _, _, high, low] = pdu
         && !matches!([high, low], [0xFF | 0, 0])
     {
-        return Some(format!("a coil takes 0x0000 or 0xFF00, not 0x{high:02X}{low:02X}"));
+        let text = format!("a coil takes 0x0000 or 0xFF00, not 0x{high:02X}{low:02X}");
+        return Some(Cause::of_request(text));
     }
     let request = pdu::Request::parse(pdu)?;
     let access = Access::of(request)?;
     if access.count == 0 {
-        return Some("a quantity of 0 is not allowed".to_owned());
+        return Some(Cause::of_request("a quantity of 0 is not allowed".to_owned()));
     }
     let most = spec.rules.map_or(LARGEST, |rules| access.most(rules));
     if access.count > most {
         let (way, unit) = access.way_and_unit();
-        return Some(format!(
+        return Some(Cause::of_request(format!(
             "a quantity of {} is not allowed, a request {way} at most {most} {unit}",
             access.count
-        ));
+        )));
     }
     if let pdu::Request::WriteMultiple { count, values, bytes, .. } = request {
         let expected = if access.has_bits() { count.div_ceil(8) } else { count.saturating_mul(2) };
         if u16::from(bytes) != expected {
-            return Some(format!("the byte count is {bytes}, not {expected}"));
+            return Some(Cause::of_request(format!("the byte count is {bytes}, not {expected}")));
         }
         if values.len() != usize::from(bytes) {
-            return Some(format!("the byte count is {bytes}, and {} bytes follow", values.len()));
+            let text = format!("the byte count is {bytes}, and {} bytes follow", values.len());
+            return Some(Cause::of_request(text));
         }
     }
     let parts = access.parts(spec);
     let (writes, objects) = (access.data.is_some(), spec.registers.layout.objects);
     for part in &parts {
         let at = address(spec, part.address);
-        let Some((_, row)) = part.row else {
-            return Some(format!("there is no {} at {at}", kind(access.space)));
+        let Some((index, row)) = part.row else {
+            return Some(Cause::of_request(format!("there is no {} at {at}", kind(access.space))));
         };
         if writes && !row.access.writes() {
-            return Some(format!("{at} {} is read only", row.name));
+            return Some(Cause::of_row(index, format!("{at} {} is read only", row.name)));
         }
         if !writes && !row.access.reads() {
-            return Some(format!("{at} {} is write only", row.name));
+            return Some(Cause::of_row(index, format!("{at} {} is write only", row.name)));
         }
     }
     if access.first.checked_add(access.count - 1).is_none() {
-        return Some("addresses end at 65535".to_owned());
+        return Some(Cause::of_request("addresses end at 65535".to_owned()));
     }
     for part in &parts {
-        let Some((_, row)) = part.row else { continue };
+        let Some((index, row)) = part.row else { continue };
         let words = row.shape.words();
         if part.count != words && (objects || (writes && code == 3)) {
-            return Some(format!("{} has {words} words, not {}", row.name, part.count));
+            let text = format!("{} has {words} words, not {}", row.name, part.count);
+            return Some(Cause::of_row(index, text));
         }
     }
     let data = access.data?;
     for part in parts.iter().filter(|part| part.is_whole()) {
-        let Some((_, row)) = part.row else { continue };
+        let Some((index, row)) = part.row else { continue };
         let number = spec.registers.assemble(row.shape, |n| data.word(part.offset + n).unwrap_or(0));
         if !row.accepts(number) {
             let at = address(spec, part.address);
             let value = Value::of(spec.registers.entries, row.shape, number);
-            return Some(format!("{at} {} = {value} is not allowed, {}", row.name, legal(row)));
+            let text = format!("{at} {} = {value} is not allowed, {}", row.name, legal(row));
+            return Some(Cause::of_row(index, text));
         }
     }
     None

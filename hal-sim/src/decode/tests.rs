@@ -61,7 +61,11 @@ fn requests_to_an_md3_in_the_names_of_its_manual() {
         (&[3, 0, 0, 0, 126], "read 126 registers from DeviceAddress to 0x007D"),
         (&[3, 0x01, 0x00, 0, 2], "read 0x0100 to 0x0101"),
         (&[3, 0, 0x1E, 0, 4], "read SerialNumber, 0x0020 to 0x0021"),
-        (&[5, 0, 0x0B, 0xFF, 0], "write 0x000B = 1"),
+        (&[5, 0, 0x0B, 0xFF, 0], "write coil 0x000B = on"),
+        (&[5, 0, 0, 0, 0], "write coil 0x0000 = off"),
+        (&[15, 0, 0, 0, 3, 1, 0b101], "write coils 0x0000 to 0x0002 = on, off, on"),
+        (&[1, 0, 7, 0, 1], "read coil 0x0007"),
+        (&[2, 0, 0, 0, 8], "read discrete inputs 0x0000 to 0x0007"),
         (&[3, 0, 0], "function 3, 2 bytes 00 00"),
         (&[7], "read the exception status"),
         (&[43, 14, 1, 0], "read the identification"),
@@ -109,8 +113,8 @@ fn a_coil_is_on_or_off() {
     let pdu = [5, 0x20, 0, 0x12, 0];
     assert_eq!(asked(rs.spec(), &pdu), "write START_bit = 0x1200");
     assert_eq!(told(rs.spec(), &pdu, &[0x85, 3]), "refused: a coil takes 0x0000 or 0xFF00, not 0x1200 (03)");
-    assert_eq!(asked(rs.spec(), &[5, 0x20, 0, 0xFF, 0]), "write START_bit = 1");
-    assert_eq!(asked(rs.spec(), &[5, 0x20, 0, 0, 0]), "write START_bit = 0");
+    assert_eq!(asked(rs.spec(), &[5, 0x20, 0, 0xFF, 0]), "write START_bit = on");
+    assert_eq!(asked(rs.spec(), &[5, 0x20, 0, 0, 0]), "write START_bit = off");
 }
 
 #[test]
@@ -132,6 +136,27 @@ fn exceptions_of_a_drive_that_exist_have_its_reasons() {
         modbus::refusal(rs.spec(), &save, 4, None),
         "a user program is running, so no program can be saved (04)"
     );
+}
+
+#[test]
+fn a_refusal_blames_the_register_that_is_its_cause() {
+    // RS 434544 6.4, 6.5: TYPE_MODBUS 0x5001 takes 1 to 5, BITRATE_MODBUS 0x5002 takes 0 to 10; SPEED 0x500B, ACC 0x500C.
+    // MD3 chapter 7: Reserved is 0x0B.
+    let blamed = |spec: &Spec, pdu: &[u8], code| {
+        let registers = modbus::request(spec, pdu).registers;
+        let rows = modbus::blamed(spec, pdu, code, &registers);
+        rows.into_iter().map(|row| spec.registers.rows[row].name).collect::<Vec<_>>()
+    };
+    let rs = rs434544();
+    let both = [16, 0x50, 0x01, 0, 2, 4, 0, 3, 0, 11];
+    assert_eq!(blamed(rs.spec(), &both, 3), ["BITRATE_MODBUS"]);
+    assert_eq!(blamed(md3(), &[6, 0, 0x0B, 0, 5], 2), ["Reserved"]);
+    // Only the drive knows why.
+    assert_eq!(blamed(rs.spec(), &[16, 0x50, 0x0B, 0, 2, 4, 0, 100, 0, 100], 4), ["SPEED", "ACC"]);
+    // No function, no register, too many registers.
+    assert!(blamed(rs.spec(), &both, 1).is_empty());
+    assert!(blamed(md3(), &[3, 0, 0x1E, 0, 4], 2).is_empty());
+    assert!(blamed(md3(), &[3, 0, 0, 0, 33], 2).is_empty());
 }
 
 #[test]

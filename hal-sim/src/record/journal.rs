@@ -8,7 +8,7 @@ use drivetwin_firmware::device::{DropReason, Duration, Instant, Port, Reason};
 use drivetwin_protocol::modbus::tcp::Broken;
 
 use crate::record::early::EarlyRequest;
-use crate::record::effects::FrameEffects;
+use crate::record::effects::{FrameEffect, FrameEffects};
 
 /// Maximum number of entries of a journal (BENCH-18).
 pub const MOST: usize = 10_000;
@@ -40,6 +40,29 @@ pub enum Outcome {
     Lost,
     /// A fault of the line or TCP port refused the message with this code.
     RefusedByFault(u8),
+}
+
+impl Outcome {
+    /// Returns true if the drive, or a fault, refused the message.
+    #[must_use]
+    pub const fn is_refusal(self) -> bool {
+        matches!(self, Self::Refused(_) | Self::RefusedByFault(_))
+    }
+
+    /// Returns true if nobody executed or refused the message, so that its client gets no answer.
+    #[must_use]
+    pub const fn is_unanswered(self) -> bool {
+        !matches!(self, Self::Accepted | Self::Refused(_) | Self::RefusedByFault(_))
+    }
+}
+
+/// Numbers of messages without success, since the journal began.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
+pub struct Failures {
+    /// Messages that were refused.
+    pub refused: u64,
+    /// Messages that nobody executed or refused.
+    pub unanswered: u64,
 }
 
 /// What a request overlapped on a line.
@@ -150,6 +173,14 @@ impl Entry {
     #[must_use]
     pub fn message(&self) -> &[u8] {
         self.bytes.get(..self.message.into()).unwrap_or_default()
+    }
+
+    /// Returns true if no whole answer reached the client: nobody executed or refused the message, or the answer was lost.
+    #[must_use]
+    pub fn is_unanswered(&self) -> bool {
+        let took = [FrameEffect::Dropped, FrameEffect::Muted, FrameEffect::Closed];
+        let is_lost = took.into_iter().any(|effect| self.on_answer.contains(effect));
+        self.outcome.is_unanswered() || is_lost || self.sent_of_answer.is_some()
     }
 
     /// Bytes of the answer.
@@ -263,6 +294,7 @@ fn extend(to: &mut Vec<u8>, bytes: &[u8]) {
 pub(crate) struct Journal {
     entries: VecDeque<Entry>,
     lost: u64,
+    failures: Failures,
     /// Number of the last entry whose outcome is recorded.
     recorded: u64,
 }
@@ -275,6 +307,8 @@ impl Journal {
             self.entries.pop_front();
             self.lost += 1;
         }
+        self.failures.refused += u64::from(entry.outcome.is_refusal());
+        self.failures.unanswered += u64::from(entry.outcome.is_unanswered());
         *last += 1;
         entry.number = *last;
         self.entries.push_back(entry);
@@ -336,6 +370,11 @@ impl Journal {
     /// The entries, the oldest first.
     pub(crate) fn entries(&self) -> impl DoubleEndedIterator<Item = &Entry> + Clone {
         self.entries.iter()
+    }
+
+    /// Numbers of refused and of unanswered messages among all entries so far.
+    pub(crate) fn failures(&self) -> Failures {
+        self.failures
     }
 
     /// Number of entries that the ring has dropped.

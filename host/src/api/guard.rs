@@ -238,7 +238,7 @@ fn of_serde(words: &str, place: &str) -> String {
         let expected = expected.trim_start_matches("one of ");
         return format!("{place} has {} where it takes {}", whole(got), whole(expected));
     }
-    format!("{place} is not valid: {}", names(words))
+    format!("{place} is not valid: {}", names(words).trim_end_matches(','))
 }
 
 #[cfg(test)]

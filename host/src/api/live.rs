@@ -11,13 +11,13 @@ use std::time::{Duration, Instant as WallInstant};
 use axum::extract::State;
 use axum::response::Sse;
 use axum::response::sse::Event;
-use drivetwin_panel::live::{LONGEST, SHORTEST, Snapshot, Viewer};
+use drivetwin_panel::live::{Pace, Snapshot, Viewer};
 use drivetwin_panel::schema::{BoardView, Drive};
-use drivetwin_sim::commands;
+use drivetwin_sim::{commands, programs};
 use futures_util::stream::{self, Stream};
 use serde::Deserialize;
 use tokio::sync::{Mutex, OwnedSemaphorePermit, watch};
-use tokio::time::{Interval, interval, timeout};
+use tokio::time::{sleep, timeout};
 
 use super::board_state::{board_view, drive_of_board};
 use super::event_stream::KEEP_ALIVE;
@@ -54,11 +54,13 @@ pub(super) async fn live(
     let grown = api.handle.watch();
     let name = drive.clone();
     // Of a rack the emulated drives can do what its boards cannot.
-    let is_elsewhere = api.query(move |bench| match name {
-        Some(name) => commands::drive(bench, &name).map(|id| bench.is_elsewhere(id)),
-        None => Ok(bench.drives().all(|id| bench.is_elsewhere(id))),
+    let found = api.query(move |bench| match name {
+        Some(name) => commands::drive(bench, &name)
+            .map(|id| (bench.is_elsewhere(id), programs::runs_on(bench.spec(id)))),
+        None => Ok((bench.drives().all(|id| bench.is_elsewhere(id)), false)),
     });
-    let is_elsewhere = is_elsewhere.await?.map_err(|refusal| Problem::refused(refusal.to_string()))?;
+    let (is_elsewhere, has_program) =
+        found.await?.map_err(|refusal| Problem::refused(refusal.to_string()))?;
     let mut viewer = Viewer::new(drive.clone());
     if !api.boards.is_empty() {
         viewer = viewer.without("time", reasons::NO_TIME).without("advance", reasons::NO_TIME);
@@ -69,16 +71,10 @@ pub(super) async fn live(
             .without("scenario", reasons::NO_SCENARIO)
             .without("traffic", reasons::NO_JOURNAL);
     }
-    let reader = Reader {
-        api,
-        grown,
-        drive,
-        viewer,
-        pace: interval(SHORTEST),
-        is_new: true,
-        sent: wall(),
-        _permit: permit,
-    };
+    if is_elsewhere && has_program {
+        viewer = viewer.without("program", reasons::NO_PROGRAM);
+    }
+    let reader = Reader { api, grown, drive, viewer, pace: Pace::default(), opened: wall(), _permit: permit };
     Ok(Sse::new(stream::unfold(reader, |mut reader| async {
         let event = reader.next().await?;
         Some((Ok(event), reader))
@@ -92,12 +88,9 @@ struct Reader {
     /// The drive whose details are wanted.
     drive: Option<String>,
     viewer: Viewer,
-    /// Time between two looks.
-    pace: Interval,
-    /// True before the first look.
-    is_new: bool,
-    /// Time of the last update.
-    sent: WallInstant,
+    pace: Pace,
+    /// Time from which `pace` counts.
+    opened: WallInstant,
     _permit: OwnedSemaphorePermit,
 }
 
@@ -114,22 +107,31 @@ impl Reader {
     /// The next update; `None` when the bench has ended.
     async fn wait(&mut self) -> Option<Event> {
         loop {
-            self.pace.tick().await;
-            if !self.is_new
-                && let Ok(ended) = timeout(self.viewer.wait(), self.grown.changed()).await
-            {
-                ended.ok()?;
-            }
+            sleep(self.pace.rest(self.now())).await;
+            let has_news = if self.pace.has_looked() {
+                match timeout(self.viewer.wait(), self.grown.changed()).await {
+                    Ok(ended) => {
+                        ended.ok()?;
+                        true
+                    }
+                    Err(_) => false,
+                }
+            } else {
+                true
+            };
             let snapshot = self.look().await.ok()?;
-            self.pace.reset();
-            let now = wall();
-            let since_last = if self.is_new { LONGEST } else { now.duration_since(self.sent) };
-            self.is_new = false;
-            if let Some(update) = self.viewer.update(snapshot, since_last) {
-                self.sent = now;
+            let now = self.now();
+            let update = self.viewer.update(snapshot, self.pace.since_update(now));
+            self.pace.looked(now, has_news, update.is_some());
+            if let Some(update) = update {
                 return Event::default().event("update").json_data(update).ok();
             }
         }
+    }
+
+    /// Time since the reader was opened.
+    fn now(&self) -> Duration {
+        wall().duration_since(self.opened)
     }
 
     /// Looks at the bench and at the boards.

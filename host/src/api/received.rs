@@ -186,7 +186,7 @@ impl From<Verdict> for VerdictSchema {
 impl From<ReceivedMessage> for ReceivedRequest {
     fn from(message: ReceivedMessage) -> Self {
         let ReceivedMessage { at, port, bytes, answer, exchange, .. } = message;
-        let Exchange { request, verdict, reason, outcome } = exchange;
+        let Exchange { request, verdict, reason, outcome, .. } = exchange;
         let registers = request.registers.into_iter().map(|register| ReceivedRegister {
             name: register.name,
             value: register.value,

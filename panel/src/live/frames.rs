@@ -43,6 +43,14 @@ pub struct Frame {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(nullable = false)]
     pub reason: Option<String>,
+    /// True if no whole answer reached the client: nobody executed or refused the message, or the answer was lost;
+    /// otherwise absent.
+    #[serde(skip_serializing_if = "is_false")]
+    pub unanswered: bool,
+    /// Registers that the message has written, or that its refusal is about; absent if there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schema(example = json!(["Reserved"]))]
+    pub registers: Vec<&'static str>,
     /// The bytes in hexadecimal.
     #[schema(example = "0106000B0005399B")]
     pub bytes: String,
@@ -63,12 +71,24 @@ fn is_false(flag: &bool) -> bool {
 /// The newest messages of some news, and the number of those that are left out.
 pub(super) fn of(news: &News, own: &OwnNews, layout: &Layout) -> (Vec<Frame>, u64) {
     let received = news.messages().map(|(receiver, message)| {
-        let ReceivedMessage { number, at, port, bytes, answer, exchange } = message;
-        let Exchange { request, verdict, reason, outcome } = exchange;
+        let ReceivedMessage { number, at, port, bytes, answer, unanswered, exchange } = message;
+        let Exchange { request, verdict, reason, outcome, blamed } = exchange;
         let (drive, bus) = match receiver {
             Receiver::Drive(id) => (layout.drive_name(id).map(ToOwned::to_owned), None),
             Receiver::Line(bus) => (None, layout.bus_name(bus).map(ToOwned::to_owned)),
         };
+        let written =
+            || request.registers.iter().filter(|register| register.written).map(|register| register.row);
+        let rows: Vec<usize> = match verdict {
+            Verdict::Refused => blamed,
+            Verdict::Done | Verdict::WithoutEffect => written().collect(),
+            _ => Vec::new(),
+        };
+        let of = match receiver {
+            Receiver::Drive(id) => layout.spec(id),
+            Receiver::Line(_) => None,
+        };
+        let registers = rows.iter().filter_map(|&row| Some(of?.registers.rows.get(row)?.name)).collect();
         Frame {
             number: Some(number),
             at: seconds(at),
@@ -79,6 +99,8 @@ pub(super) fn of(news: &News, own: &OwnNews, layout: &Layout) -> (Vec<Frame>, u6
             outcome,
             verdict: verdict.as_str(),
             reason,
+            unanswered,
+            registers,
             bytes: hex(&bytes),
             answer: (!answer.is_empty()).then(|| hex(&answer)),
             sent: false,
@@ -96,6 +118,8 @@ pub(super) fn of(news: &News, own: &OwnNews, layout: &Layout) -> (Vec<Frame>, u6
             outcome: "sent by itself".to_owned(),
             verdict: Verdict::Done.as_str(),
             reason: None,
+            unanswered: false,
+            registers: Vec::new(),
             bytes: hex(&bytes),
             answer: None,
             sent: true,

@@ -62,6 +62,45 @@ pub const SHORTEST: Duration = Duration::from_millis(34);
 /// which only the time has changed.
 pub const LONGEST: Duration = Duration::from_millis(250);
 
+/// The pace of a reader: at most 30 updates per second, and an event is told at once if the last update is older than
+/// that. Instants are times since a moment that the caller chooses.
+#[derive(Clone, Copy, Default, Debug)]
+pub struct Pace {
+    /// Time of the last look that an event caused, or that gave an update.
+    looked: Option<Duration>,
+    updated: Option<Duration>,
+}
+
+impl Pace {
+    /// Returns true after the first look.
+    #[must_use]
+    pub fn has_looked(&self) -> bool {
+        self.looked.is_some()
+    }
+
+    /// Time from `now` until the reader may look because of an event.
+    #[must_use]
+    pub fn rest(&self, now: Duration) -> Duration {
+        self.looked.map_or(Duration::ZERO, |looked| (looked + SHORTEST).saturating_sub(now))
+    }
+
+    /// Time since the last update; [`LONGEST`] before the first one.
+    #[must_use]
+    pub fn since_update(&self, now: Duration) -> Duration {
+        self.updated.map_or(LONGEST, |updated| now.saturating_sub(updated))
+    }
+
+    /// Notes a look. A look of an idle reader that finds nothing does not delay the next event.
+    pub fn looked(&mut self, now: Duration, has_news: bool, gave_update: bool) {
+        if has_news || gave_update || self.looked.is_none() {
+            self.looked = Some(now);
+        }
+        if gave_update {
+            self.updated = Some(now);
+        }
+    }
+}
+
 /// An update of what a reader has. Members that are empty are absent.
 #[derive(Debug, Serialize, ToSchema)]
 #[schema(as = LiveUpdate)]

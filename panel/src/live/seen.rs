@@ -8,6 +8,7 @@ use drivetwin_sim::bench::{Bench, Bus, DriveId, Motion, Outlet, ShaftState, Wire
 use drivetwin_sim::commands::State;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::programs::{self, ProgramLine};
+use drivetwin_sim::record::journal::Failures;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
@@ -73,6 +74,10 @@ impl Layout {
         self.drives.get(id.index()).map(|(name, _)| name.as_str())
     }
 
+    pub(super) fn spec(&self, id: DriveId) -> Option<&'static Spec> {
+        self.drives.get(id.index()).map(|(_, spec)| *spec)
+    }
+
     pub(super) fn bus_name(&self, bus: Bus) -> Option<&str> {
         let found = self.outlets.iter().find(|names| names.outlet == Outlet::Line(bus));
         found.map(|names| names.name.as_str())
@@ -107,6 +112,8 @@ pub(super) struct DriveSeen {
     motion: Option<Motion>,
     /// True if the cause of a fault is present.
     fault: bool,
+    /// Numbers of its messages without success; `None` if it has no journal.
+    failures: Option<Failures>,
 }
 
 /// The lights of a drive.
@@ -127,6 +134,7 @@ impl DriveSeen {
             lit: lit(spec, |pin| bench.level(id, pin)),
             motion: spec.axes.first().map(|_| bench.motion(id, Axis(0))),
             fault: (0..).map(Fault).zip(spec.faults).any(|(fault, _)| bench.faulty(id, fault)),
+            failures: (!bench.is_elsewhere(id)).then(|| bench.failures(id)),
         }
     }
 
@@ -136,6 +144,7 @@ impl DriveSeen {
             lit: lit(spec, |pin| state.level(pin)),
             motion: state.motion,
             fault: state.faults.contains(&true),
+            failures: None,
         }
     }
 
@@ -156,6 +165,10 @@ impl DriveSeen {
             drive["position"] = motion.position.into();
             drive["speed"] = motion.speed.to_num::<f64>().into();
         }
+        if let Some(Failures { refused, unanswered }) = self.failures {
+            drive["refused"] = refused.into();
+            drive["unanswered"] = unanswered.into();
+        }
         if let Some(board) = board {
             drive["board"] = without(board, &["drive"]);
         }
@@ -175,7 +188,8 @@ pub(super) struct Seen {
     pub(super) now: Instant,
     drives: Vec<DriveSeen>,
     motors: Vec<ShaftState>,
-    buses: Vec<BusState>,
+    /// Lines and TCP ports, each with the number of messages that none of its drives answered.
+    buses: Vec<(BusState, u64)>,
     /// Boards, by the index of their drives.
     boards: BTreeMap<usize, BoardView>,
     /// The drive whose details are wanted.
@@ -236,7 +250,10 @@ impl Seen {
             now: bench.now(),
             drives: bench.drives().map(|id| DriveSeen::of(bench, id)).collect(),
             motors: bench.motors().map(|motor| bench.turn(motor)).collect(),
-            buses: outlets.iter().map(|&outlet| BusState::of(bench, outlet)).collect(),
+            buses: outlets
+                .iter()
+                .map(|&outlet| (BusState::of(bench, outlet), unanswered(bench, outlet)))
+                .collect(),
             boards: BTreeMap::new(),
             wanted: wanted.map(DriveId::index),
             details: wanted.map(|id| Drive::of_bench(bench, id, places)),
@@ -383,12 +400,17 @@ impl Seen {
     }
 
     fn bus(&self, index: usize, layout: &Layout) -> Value {
-        let (Some(state), Some(names)) = (self.buses.get(index), layout.outlets.get(index)) else {
+        let (Some((state, unanswered)), Some(names)) = (self.buses.get(index), layout.outlets.get(index))
+        else {
             return Value::Null;
         };
         let OutletNames { name, drives, listen, .. } = names;
         let name_of = |id| layout.drive_name(id).unwrap_or_default();
-        without(&schema::Bus::new(name, drives, listen, state, name_of), &["name"])
+        let mut bus = without(&schema::Bus::new(name, drives, listen, state, name_of), &["name"]);
+        if *unanswered > 0 {
+            bus["unanswered"] = (*unanswered).into();
+        }
+        bus
     }
 
     /// The changes in the program of the wanted drive.
@@ -399,6 +421,14 @@ impl Seen {
 
     fn details(&self) -> Option<Value> {
         self.details.as_ref().map(to_value)
+    }
+}
+
+/// Number of messages so far that none of the drives of a line answered; those of a drive alone on its line are its own.
+fn unanswered(bench: &Bench, outlet: Outlet) -> u64 {
+    match outlet {
+        Outlet::Line(bus) => bench.unanswered_on(bus),
+        Outlet::Tcp(..) => 0,
     }
 }
 

@@ -85,11 +85,11 @@ fn the_first_update_is_whole() {
         ])
     );
     let still = json!({"index": 1, "kind": "md3", "powered": true, "lit": state["drives"]["y"]["lit"], "fault": false,
-        "moving": false, "position": 0, "speed": 0.0});
+        "moving": false, "position": 0, "speed": 0.0, "refused": 0, "unanswered": 0});
     assert_eq!(state["drives"]["y"], still);
     assert_eq!(
         state["drives"]["q"],
-        json!({"index": 2, "kind": "qsb-d", "powered": true, "lit": "", "fault": false})
+        json!({"index": 2, "kind": "qsb-d", "powered": true, "lit": "", "fault": false, "refused": 0, "unanswered": 0})
     );
     assert_eq!(state["motors"]["m"]["drive"], "x");
     assert_eq!(state["motors"]["m"]["revolutions"], 0.0);
@@ -122,6 +122,92 @@ fn a_reader_is_told_what_changes_and_nothing_else() {
     assert_eq!(patch["drives"]["x"]["powered"], false);
     assert_eq!(patch["buses"], json!({"x.rs485": {"faults": {"drop": 0.5}}}));
     assert_eq!(reader.state, whole(&bench, None));
+}
+
+#[test]
+fn messages_without_success_are_counted_for_every_drive() {
+    let mut bench = Bench::new();
+    let [x, y] = ["x", "y"].map(|name| {
+        bench.add_with(name, catalog::make("md3").expect("a kind"), Setup::default()).expect("a drive")
+    });
+    // An MD3 starts for 2.5 s.
+    bench.ask(x, &rtu::write(1, 0x11, 1));
+    bench.run_until(2_500.millis());
+    // No drive of x's line has address 9. Register 0x0B is reserved.
+    bench.ask(x, &rtu::write(9, 0x11, 1));
+    bench.ask(x, &rtu::write(1, 0x0B, 5));
+    bench.ask(x, &rtu::write(1, 0x15, 5));
+    // A fault takes the reply.
+    bench.set_faults(bench.outlet(y, Port(0)), LineFaults { mute: FaultRule::rate(1.0), ..LineFaults::NONE });
+    bench.ask(y, &rtu::write(1, 0x15, 5));
+    let mut reader = Reader::new(Some("x"));
+    let update = reader.look(&bench).expect("the first one");
+    assert_eq!(reader.state["drives"]["x"]["refused"], 1);
+    assert_eq!(reader.state["drives"]["x"]["unanswered"], 2);
+    let unanswered: Vec<bool> = update.traffic.iter().map(|frame| frame.unanswered).collect();
+    assert_eq!(unanswered, [true, true, false, false]);
+    let update = Reader::new(Some("y")).look(&bench).expect("the first one");
+    assert!(update.traffic[0].unanswered, "{:?}", update.traffic);
+}
+
+#[test]
+fn a_refusal_names_the_register_that_is_its_cause() {
+    let mut bench = Bench::new();
+    let md3 = add(&mut bench, "x", "md3");
+    bench.run_until(1.secs());
+    let mut reader = Reader::new(None);
+    reader.look(&bench);
+    let mut registers = |bench: &mut Bench, pdu: &[u8]| {
+        bench.ask(md3, &rtu::frame(1, pdu));
+        let update = reader.look(bench).expect("a message");
+        update.traffic[0].registers.clone()
+    };
+    // MD3 chapter 7: Speed is 0x14 and 0x15; DeviceAddress, 0x00, takes 1 to 247; 0x0B is reserved.
+    assert_eq!(registers(&mut bench, &[6, 0, 0x0B, 0, 5]), ["Reserved"]);
+    assert_eq!(registers(&mut bench, &[6, 0, 0, 0, 248]), ["DeviceAddress"]);
+    // The drive has no coils, and no functions 16 and 22; a read of 33 registers is too long.
+    assert!(registers(&mut bench, &[16, 0, 0, 0, 2, 4, 0, 248, 3, 10]).is_empty());
+    assert!(registers(&mut bench, &[5, 0, 0x14, 0xFF, 0]).is_empty());
+    assert!(registers(&mut bench, &[22, 0, 0x14, 0, 0, 0, 0]).is_empty());
+    assert!(registers(&mut bench, &[3, 0, 0, 0, 33]).is_empty());
+    // What a request has written, and what it has only read.
+    assert_eq!(registers(&mut bench, &[6, 0, 0x15, 0, 9]), ["Speed"]);
+    assert!(registers(&mut bench, &[3, 0, 0x14, 0, 2]).is_empty());
+}
+
+#[test]
+fn a_message_for_no_drive_of_a_shared_line_is_counted_for_the_line() {
+    let mut bench = Bench::new();
+    let [x, y] = ["x", "y"].map(|name| add(&mut bench, name, "md3"));
+    let line = bench.share("line", &[(x, Port(0)), (y, Port(0))]);
+    bench.run_until(100.millis());
+    assert!(whole(&bench, None)["buses"]["line"].get("unanswered").is_none());
+    bench.ask(x, &rtu::write(9, 0x11, 1));
+    let state = whole(&bench, None);
+    assert_eq!(state["buses"]["line"]["unanswered"], 1, "{line:?}");
+    assert_eq!(state["drives"]["x"]["unanswered"], 0);
+}
+
+/// At most 30 updates per second, and no event waits for the next of 30 looks.
+#[test]
+fn an_event_is_told_at_once_if_the_last_update_is_older_than_a_thirtieth_of_a_second() {
+    let ms = Duration::from_millis;
+    let mut pace = Pace::default();
+    assert_eq!(pace.rest(ms(5)), ms(0));
+    pace.looked(ms(5), true, true);
+    // An event 10 ms after an update waits for the end of the thirtieth.
+    assert_eq!(pace.rest(ms(15)), ms(24));
+    assert_eq!(pace.rest(ms(39)), ms(0));
+    // Idle looks every 250 ms find nothing. An event 1 ms after one of them is told at once.
+    pace.looked(ms(255), false, false);
+    assert_eq!(pace.rest(ms(256)), ms(0));
+    assert_eq!(pace.since_update(ms(256)), ms(251));
+    pace.looked(ms(256), true, true);
+    assert_eq!(pace.rest(ms(257)), ms(33));
+    // Events that change nothing that is seen do not make looks more frequent.
+    pace.looked(ms(300), true, false);
+    assert_eq!(pace.rest(ms(301)), ms(33));
+    assert_eq!(pace.since_update(ms(301)), ms(45));
 }
 
 /// Time alone is told every 250 ms.
@@ -178,7 +264,8 @@ fn traffic_has_the_newest_messages_with_their_outcomes() {
         serde_json::to_value(&of_x[0]).expect("JSON"),
         json!({"number": 2, "at": of_x[0].at, "drive": "x", "port": "rs485", "text": "write Reserved = 5",
             "outcome": "refused: 0x000B Reserved is read only (02)", "verdict": "refused",
-            "reason": "0x000B Reserved is read only (02)", "bytes": "0106000B0005380B", "answer": "018602C3A1"})
+            "reason": "0x000B Reserved is read only (02)", "registers": ["Reserved"],
+            "bytes": "0106000B0005380B", "answer": "018602C3A1"})
     );
     for n in 0..130 {
         bench.ask(x, &rtu::write(1, 0x15, n));

@@ -15,7 +15,16 @@ pub(super) fn draw(frame: &mut Frame, area: Rect, app: &App) {
     let all = app.bench.names().len();
     let title = if drives.len() == all { format!("{all}") } else { format!("{}/{all}", drives.len()) };
     let inside = parts::pane(frame, area, app, Pane::Drives, &title);
-    let widths = [Constraint::Length(1), Constraint::Fill(3), Constraint::Fill(2)];
+    let failures = |name: &str| {
+        let drive = app.bench.summary(name);
+        ["refused", "unanswered"].iter().filter_map(|kind| drive[kind].as_u64()).sum::<u64>()
+    };
+    let mut widths = vec![Constraint::Length(1), Constraint::Fill(3), Constraint::Fill(2)];
+    // Refused and unanswered messages have a column when there are some.
+    let most = drives.iter().map(|name| failures(name)).max().unwrap_or(0);
+    if most > 0 {
+        widths.push(Constraint::Length(most.to_string().len() as u16));
+    }
     parts::rows(
         frame,
         inside,
@@ -34,7 +43,14 @@ pub(super) fn draw(frame: &mut Frame, area: Rect, app: &App) {
             } else {
                 Span::styled("●", style::GOOD)
             };
-            vec![sign.into(), name.into(), Line::styled(text(drive, "kind").to_owned(), style::MUTED)]
+            let mut cells =
+                vec![sign.into(), name.into(), Line::styled(text(drive, "kind").to_owned(), style::MUTED)];
+            match failures(name) {
+                _ if most == 0 => {}
+                0 => cells.push(Line::default()),
+                count => cells.push(Line::styled(count.to_string(), style::BAD).right_aligned()),
+            }
+            cells
         },
     );
 }

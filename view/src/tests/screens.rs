@@ -94,6 +94,18 @@ fn lights_levels_and_causes_have_colours_and_signs() {
     assert_eq!(cell_of(&view.buffer(140, 40), "power off").fg, Color::Red);
 }
 
+#[test]
+fn the_list_counts_messages_that_failed() {
+    let mut view = view();
+    view.update(
+        json!({"state": {"drives": {"x": {"refused": 3, "unanswered": 9}, "東京": {"unanswered": 1}}}}),
+    );
+    let screen = view.screen(80, 24);
+    let lines: Vec<&str> = screen.lines().collect();
+    assert!(lines[2].starts_with("│▶ x") && lines[2].contains(" 12│○ D5"), "{screen}");
+    assert!(lines[4].starts_with("│! 東京") && lines[4].contains(" 1│rs485"), "{screen}");
+}
+
 /// The terminal decides what is behind the text, so no colour may need a dark or a light one.
 #[test]
 fn only_colours_that_every_terminal_and_background_shows() {
