@@ -10,6 +10,7 @@
 //! cargo xtask soak    run the property tests with many new cases
 //! cargo xtask swarm   run random benches under an oracle
 //! cargo xtask uf2     write a UF2 with an image of each kind for the Raspberry Pi Pico, and one for the Pico 2
+//! cargo xtask web     write the static site: the panel with its bench in WebAssembly
 //! cargo xtask words   count doc comments whose first word does not say the thing itself
 //! ```
 
@@ -30,6 +31,7 @@ mod size;
 mod swarm;
 mod tools;
 mod uf2;
+mod web;
 mod words;
 
 use std::path::Path;
@@ -54,6 +56,7 @@ usage: cargo xtask <command>
           `swarm --planted`: how soon it finds each of the defects in tests/swarm/planted
   uf2     write target/drivetwin-pico.uf2 and drivetwin-pico2.uf2, which have every kind of drive for a Raspberry Pi
           Pico and a Pico 2
+  web     write the static site, the panel with its bench in WebAssembly, to target/site; `web --out DIR`
   words   print how many doc comments begin with a question or a pronoun, by crate; `words --list`: which
 ";
 
@@ -73,6 +76,8 @@ fn main() -> ExitCode {
         }
         ["swarm", options @ ..] => shell().and_then(|sh| swarm::run(&sh, options)).map(|()| true),
         ["uf2"] => shell().and_then(|sh| uf2::print(&sh)).map(|()| true),
+        ["web"] => shell().and_then(|sh| web::print(&sh, None)).map(|()| true),
+        ["web", "--out", folder] => shell().and_then(|sh| web::print(&sh, Some(folder))).map(|()| true),
         ["words"] => shell().and_then(|sh| words::print(&sh, false)).map(|()| true),
         ["words", "--list"] => shell().and_then(|sh| words::print(&sh, true)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {

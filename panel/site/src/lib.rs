@@ -17,14 +17,16 @@ use drivetwin_panel::requests::{
 };
 use drivetwin_panel::schema::{self, Places};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, Client, DriveId, Settings};
+use drivetwin_sim::bench::{Bench, Client, DriveId, Settings, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::commands::{self, OnBench, Refusal};
 use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::DriveLayout;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::export::{pcapng, vcd};
 use drivetwin_sim::line::faults::Party;
 use drivetwin_sim::record::trace::Retention;
+use drivetwin_sim::rsasm::{self, Image};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -41,7 +43,11 @@ const SLICE: Duration = Duration::millis(5);
 const LONGEST: f64 = 0.25;
 
 /// Longest advance of the clock per call, in seconds.
-const MAX_ADVANCE: f64 = 600.0;
+const MAX_ADVANCE: f64 = 86_400.0;
+
+/// User programs that a bench file may name: there are no files here.
+const PROGRAMS: [(&str, &str); 1] =
+    [("speed-profile.rsasm", include_str!("../../../examples/speed-profile.rsasm"))];
 
 /// Largest number of characters that a terminal keeps for the page.
 const MOST_SHOWN: usize = 64 << 10;
@@ -116,7 +122,8 @@ struct Call {
     body: Value,
 }
 
-/// Steps for a master: `{"drive": "md3", "steps": [{"write": "MotionControl", "value": 1}], "poll": "Speed"}`.
+/// Steps for a master: `{"drive": "md3", "steps": [{"write": "MotionControl", "value": 1}], "poll": "Speed"}`. A step
+/// `{"say": "S0E"}` is a command for a drive that takes text.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Play {
@@ -132,6 +139,7 @@ struct Play {
 enum StepOfPage {
     Write { write: String, value: i64 },
     Read { read: String },
+    Say { say: String },
     Wait { wait: f64 },
 }
 
@@ -145,7 +153,8 @@ impl Site {
         let ring = Retention::Ring(RING);
         let settings =
             Settings { trace: ring, capture: ring, shafts: true, outcomes: true, ..layout.settings() };
-        let bench = layout.build(settings, Vec::new())?.bench;
+        let setups = layout.drives.iter().map(setup).collect::<Result<_, _>>()?;
+        let bench = layout.build(settings, setups)?.bench;
         Ok(Self {
             bench,
             mode: TimeMode::Times(1),
@@ -320,7 +329,7 @@ impl Site {
             Advance { seconds: Some(seconds), to: None } if (0.0..=MAX_ADVANCE).contains(&seconds) => {
                 self.run(seconds);
             }
-            Advance { seconds: Some(_), to: None } => return Err(invalid("seconds takes 0 to 600")),
+            Advance { seconds: Some(_), to: None } => return Err(invalid("seconds takes 0 to 86400")),
             Advance { seconds: None, to: Some(Moment::Next) } => {
                 let next = self.bench.next();
                 if next == Instant::NEVER {
@@ -403,6 +412,7 @@ impl Site {
             Ok::<_, Refused>(match step {
                 StepOfPage::Write { write, value } => Step::Write { row: row(write)?, value: *value },
                 StepOfPage::Read { read } => Step::Read { row: row(read)? },
+                StepOfPage::Say { say } => Step::Say(say.clone()),
                 StepOfPage::Wait { wait } => Step::Wait(span(wait.clamp(0.0, MAX_ADVANCE))),
             })
         };
@@ -427,12 +437,23 @@ impl Site {
     }
 }
 
+/// The memory of a drive, with its user program.
+fn setup(drive: &DriveLayout) -> Result<Setup, String> {
+    let Some(file) = &drive.program else { return Ok(Setup::default()) };
+    let (_, text) = PROGRAMS
+        .iter()
+        .find(|(name, _)| file.as_os_str() == *name)
+        .ok_or_else(|| format!("there is no program {} here", file.display()))?;
+    let program = rsasm::assemble(text).map_err(|error| format!("{}:{error}", file.display()))?;
+    Ok(Setup { memory: Some(Image::of(&program).memory()), ..Setup::default() })
+}
+
 /// Reads the body of a call.
 fn read<T: DeserializeOwned>(body: Value) -> Result<T, Refused> {
     serde_json::from_value(body).map_err(|error| invalid(format!("the body is not valid: {error}")))
 }
 
-/// A time of at most a few minutes.
+/// A time of at most a day.
 fn span(seconds: f64) -> Duration {
     Duration::from_ticks((seconds * TICKS_PER_SECOND as f64).round() as u64)
 }

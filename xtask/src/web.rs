@@ -1,0 +1,92 @@
+//! The static site: the panel, and its bench in WebAssembly, as files for any server of files.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result, bail, ensure};
+use xshell::{Shell, cmd};
+
+use crate::checks::target_dir;
+use crate::tools::{Tool, Tools};
+
+const TARGET: &str = "wasm32-unknown-unknown";
+
+/// Largest size of the module in bytes: a person waits for it.
+const MOST: u64 = 2_000_000;
+
+/// Policy of the page for the browser: that of the panel, and WebAssembly. A `meta` takes no `frame-ancestors`.
+const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; \
+                      img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'";
+
+/// Module of the panel that the site has no use for: calls of a server.
+const CALLS: &str = "http.js";
+
+/// Builds the site, prints where it is, and how large.
+pub(crate) fn print(sh: &Shell, out: Option<&str>) -> Result<()> {
+    if let Some(remedy) = Tools::default().missing(sh, &[Tool::OtherSystems]) {
+        bail!("{remedy}");
+    }
+    let folder = out.map_or_else(|| target_dir(sh).join("site"), PathBuf::from);
+    let size = write(sh, &folder)?;
+    println!("{}: a site for any server of files; its bench has {} kB", folder.display(), size / 1000);
+    Ok(())
+}
+
+/// Writes the site into a folder. Returns the size of the module in bytes.
+pub(crate) fn write(sh: &Shell, folder: &Path) -> Result<u64> {
+    cmd!(sh, "cargo build --package drivetwin-site --profile web --target {TARGET}").run()?;
+    let module = target_dir(sh).join(TARGET).join("web/drivetwin_site.wasm");
+    let size = std::fs::metadata(&module).with_context(|| module.display().to_string())?.len();
+    ensure!(size <= MOST, "the bench of the site has {size} bytes, more than {MOST}");
+
+    let panel = folder.join("panel");
+    sh.remove_path(&panel)?;
+    sh.create_dir(&panel)?;
+    // A module of the site takes the place of the panel's with the same name.
+    for source in ["panel/page", "panel/site/page"] {
+        for file in sh.read_dir(source)? {
+            let name = file.file_name().unwrap_or_default();
+            if name != "index.html" && name != CALLS {
+                sh.copy_file(&file, panel.join(name))?;
+            }
+        }
+    }
+    sh.copy_file("panel/site/bench.toml", panel.join("bench.toml"))?;
+    sh.copy_file(&module, panel.join("drivetwin.wasm"))?;
+    sh.write_file(folder.join("index.html"), index(&sh.read_file("panel/page/index.html")?)?)?;
+    Ok(size)
+}
+
+/// The first file of the site, from that of the panel.
+fn index(panel: &str) -> Result<String> {
+    let policy = format!("<meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">");
+    let preload = |name: &str| format!("<link rel=\"modulepreload\" href=\"panel/{name}\">");
+    let modules: Vec<String> =
+        ["bench.js", "module.js", "notes.js", "buttons.js", "tries.js"].map(preload).to_vec();
+    let style = "<link rel=\"stylesheet\" href=\"panel/panel.css\">";
+    let changes = [
+        ("<meta charset=\"utf-8\">", format!("<meta charset=\"utf-8\">\n{policy}")),
+        (style, format!("{style}\n<link rel=\"stylesheet\" href=\"panel/site.css\">")),
+        (&preload(CALLS), modules.join("\n")),
+        (" The bench also answers programs: see api/bench and openapi.json.", String::new()),
+        ("Connecting to the bench…", "Loading the bench…".to_owned()),
+    ];
+    let mut page = panel.to_owned();
+    for (old, new) in changes {
+        ensure!(page.matches(old).count() == 1, "panel/page/index.html has not once: {old}");
+        page = page.replacen(old, &new, 1);
+    }
+    Ok(page)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_page_allows_webassembly_and_nothing_from_elsewhere() {
+        let page = index(include_str!("../../panel/page/index.html")).expect("a page");
+        assert!(page.contains("script-src 'self' 'wasm-unsafe-eval'"));
+        assert!(page.contains("panel/site.css") && page.contains("panel/bench.js"));
+        assert!(!page.contains("http.js") && !page.contains("=\"/") && !page.contains("://"));
+    }
+}
