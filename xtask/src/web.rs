@@ -1,6 +1,6 @@
 //! The static site: the panel, and its bench in WebAssembly, as files for any server of files.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, Result, bail, ensure};
 use xshell::{Shell, cmd};
@@ -8,7 +8,8 @@ use xshell::{Shell, cmd};
 use crate::checks::target_dir;
 use crate::tools::{Tool, Tools};
 
-const TARGET: &str = "wasm32-unknown-unknown";
+/// The target of the module.
+pub(crate) const TARGET: &str = "wasm32-unknown-unknown";
 
 /// Largest size of the module in bytes: a person waits for it.
 const MOST: u64 = 2_000_000;
@@ -20,19 +21,35 @@ const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; 
 /// Module of the panel that the site has no use for: calls of a server.
 const CALLS: &str = "http.js";
 
-/// Builds the site, prints where it is, and how large.
-pub(crate) fn print(sh: &Shell, out: Option<&str>) -> Result<()> {
-    if let Some(remedy) = Tools::default().missing(sh, &[Tool::OtherSystems]) {
+/// A site that was written.
+pub(crate) struct Site {
+    /// Folder of its files.
+    pub(crate) folder: PathBuf,
+    /// Size of its module in bytes.
+    size: u64,
+}
+
+/// Writes the site to a folder, and prints where it is and how large.
+pub(crate) fn print(sh: &Shell, folder: Option<&str>) -> Result<()> {
+    if let Some(remedy) = Tools::default().missing(sh, &[Tool::WebTarget]) {
         bail!("{remedy}");
     }
-    let folder = out.map_or_else(|| target_dir(sh).join("site"), PathBuf::from);
-    let size = write(sh, &folder)?;
-    println!("{}: a site for any server of files; its bench has {} kB", folder.display(), size / 1000);
+    let folder = folder.map_or_else(|| place(sh), |folder| sh.current_dir().join(folder));
+    let Site { folder, size } = write_to(sh, folder)?;
+    println!("{}: for any server of files; its module has {} kB", folder.display(), size / 1000);
     Ok(())
 }
 
-/// Writes the site into a folder. Returns the size of the module in bytes.
-pub(crate) fn write(sh: &Shell, folder: &Path) -> Result<u64> {
+/// Writes the site to the folder of the builds.
+pub(crate) fn write(sh: &Shell) -> Result<Site> {
+    write_to(sh, place(sh))
+}
+
+fn place(sh: &Shell) -> PathBuf {
+    target_dir(sh).join("site")
+}
+
+fn write_to(sh: &Shell, folder: PathBuf) -> Result<Site> {
     cmd!(sh, "cargo build --package drivetwin-site --profile web --target {TARGET}").run()?;
     let module = target_dir(sh).join(TARGET).join("web/drivetwin_site.wasm");
     let size = std::fs::metadata(&module).with_context(|| module.display().to_string())?.len();
@@ -53,7 +70,7 @@ pub(crate) fn write(sh: &Shell, folder: &Path) -> Result<u64> {
     sh.copy_file("panel/site/bench.toml", panel.join("bench.toml"))?;
     sh.copy_file(&module, panel.join("drivetwin.wasm"))?;
     sh.write_file(folder.join("index.html"), index(&sh.read_file("panel/page/index.html")?)?)?;
-    Ok(size)
+    Ok(Site { folder, size })
 }
 
 /// The first file of the site, from that of the panel.

@@ -12,7 +12,7 @@ const STARTED = 3; // seconds of bench time after which every drive has started
 
 let wasm = null, broken = null;
 let follower = null; // whoever follows the bench: {drive, onUpdate, onConnection, whole}
-let updated = 0; // time of the last update
+let looked = 0, updated = 0; // times of the last look at the bench, and of the last update
 const terminals = new Set();
 
 const encoder = new TextEncoder(), decoder = new TextDecoder();
@@ -91,7 +91,7 @@ function tick() {
     }
     notes.ran(done, passed, wasHidden);
     wasHidden = false;
-    if (now - updated >= PACE - 4) update(now);
+    if (now - looked >= PACE - 4) update(now);
     for (const terminal of terminals) terminal.read();
   } catch (error) {
     return fail(error);
@@ -101,9 +101,9 @@ function tick() {
 
 function update(now) {
   if (!follower) return;
-  const changed = wasm.update(now - updated);
+  looked = now;
+  if (!wasm.update(now - updated)) return;
   updated = now;
-  if (!changed) return;
   const news = JSON.parse(decoder.decode(output()));
   const { whole } = follower;
   follower.whole = false;
