@@ -17,7 +17,7 @@ import { serve } from "./server.mjs";
 const REGISTERS = { Reserved: 0x0b, MotionControl: 0x11, Speed: 0x15, EEPROMControl: 0x1a };
 
 /** A process, and a foreign master: RTU frames over TCP. */
-const process_ = {
+export const ofProcess = {
   name: "process",
   async begin({ manual = false } = {}) {
     const bench = await run("md3", "--listen", "tcp:127.0.0.1:0", "--fast-boot", ...(manual ? ["--time", "manual"] : []));
@@ -40,7 +40,7 @@ const process_ = {
 };
 
 /** The site on a server of files, and its scripted master. */
-const site = {
+const ofSite = {
   name: "site",
   async begin({ manual = false } = {}) {
     const files = await serve(process.env.SITE);
@@ -69,7 +69,7 @@ const site = {
 };
 
 /** The site is tested if the variable SITE says where it is. */
-export const PLACES = process.env.SITE ? [process_, site] : [process_];
+export const PLACES = process.env.SITE ? [ofProcess, ofSite] : [ofProcess];
 
 /** Runs a test with an MD3, its page and a master. */
 export async function withMd3(browser, place, act, options) {

@@ -5,8 +5,8 @@
 //! cargo xtask check   one check of it
 //! cargo xtask docs    write the generated references in docs/
 //! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
-//! cargo xtask pictures   write the pictures in docs/
 //! cargo xtask qemu    run a drive on an emulated LM3S6965 board
+//! cargo xtask shots   write the pictures in docs/pictures
 //! cargo xtask size    measure what each drive costs on each board, and print it
 //! cargo xtask soak    run the property tests with many new cases
 //! cargo xtask swarm   run random benches under an oracle
@@ -50,8 +50,8 @@ usage: cargo xtask <command>
   docs    write the generated references in docs/
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`; with the
           ports of its USB cable on two more: `pico md3 --usb`
-  pictures  write the pictures of the panel in docs/pictures
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
+  shots   write the pictures of the panel and the view in docs/pictures
   size    print what each drive costs on each board; fail if one costs too much
   soak    run the property tests with so many new cases each: `soak 20000`
   swarm   run random benches under an oracle: `swarm --minutes 10`, `swarm --seed 7`, `swarm --help`;
@@ -70,8 +70,8 @@ fn main() -> ExitCode {
         ["check", name] => shell().and_then(|sh| checks::run_one(&sh, name)).map(|()| true),
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
         ["pico", kind, options @ ..] => shell().and_then(|sh| pico::run(&sh, kind, options)).map(|()| true),
-        ["pictures"] => shell().and_then(|sh| checks::pictures(&sh)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
+        ["shots"] => shell().and_then(|sh| checks::pictures(&sh)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),
         ["swarm", "--planted", names @ ..] => {

@@ -440,10 +440,10 @@ impl Site {
 /// The memory of a drive, with its user program.
 fn setup(drive: &DriveLayout) -> Result<Setup, String> {
     let Some(file) = &drive.program else { return Ok(Setup::default()) };
-    let (_, text) = PROGRAMS
-        .iter()
-        .find(|(name, _)| file.as_os_str() == *name)
-        .ok_or_else(|| format!("there is no program {} here", file.display()))?;
+    let (_, text) = PROGRAMS.iter().find(|(name, _)| file.as_os_str() == *name).ok_or_else(|| {
+        let names = PROGRAMS.map(|(name, _)| name).join(", ");
+        format!("the site has no program {}; it has {names}", file.display())
+    })?;
     let program = rsasm::assemble(text).map_err(|error| format!("{}:{error}", file.display()))?;
     Ok(Setup { memory: Some(Image::of(&program).memory()), ..Setup::default() })
 }
@@ -544,6 +544,40 @@ mod tests {
         assert_eq!((status, &time["seconds"]), (200, &json!(1.5)));
         let (status, time) = call(&mut site, "POST", "time/advance", json!({"to": "next"}));
         assert!(status == 200 && time["seconds"].as_f64() > Some(1.5), "{time}");
+    }
+
+    #[test]
+    fn the_bench_of_the_site_runs_a_program_and_streams() {
+        let mut site = Site::new(include_str!("../bench.toml")).expect("a bench");
+        pass(&mut site, 3);
+        for (drive, steps) in [
+            ("rs434", json!([{"write": "MODE_USER_PROGRAM", "value": 2}])),
+            ("qsb", json!([{"write": "IntervalRate", "value": 51}, {"say": "S0E"}])),
+            ("mdrive", json!([{"write": "HC", "value": 50}, {"write": "MR", "value": 51_200}])),
+        ] {
+            let play = json!({"drive": drive, "steps": steps});
+            assert_eq!(call(&mut site, "POST", "master", play).0, 204, "{drive}");
+        }
+        site.follow(Some("qsb".into()));
+        pass(&mut site, 2);
+        // The first speed of the program is 500 rpm, forward.
+        assert_eq!(call(&mut site, "GET", "drives/rs434", Value::Null).1["motion"]["moving"], true);
+        let (_, mdrive) = call(&mut site, "GET", "drives/mdrive", Value::Null);
+        assert_eq!((&mdrive["registers"]["HC"], &mdrive["motion"]["position"]), (&json!(50), &json!(51_200)));
+        let update = site.update(WallSpan::from_secs(1)).expect("the whole state");
+        let update: Value = serde_json::from_slice(&update).expect("JSON");
+        let traffic = update["traffic"].as_array().expect("traffic");
+        // S0E answers once, then every 51 of 512 parts of a second.
+        let streamed =
+            traffic.iter().filter(|frame| frame["sent"] == true && frame["text"] == "ReadEncoder = 0");
+        assert!((15..=20).contains(&streamed.count()), "{traffic:?}");
+    }
+
+    #[test]
+    fn a_program_that_the_site_does_not_have_is_an_error() {
+        let file = "[[drive]]\nname = \"x\"\nkind = \"rs434544\"\nprogram = \"other.rsasm\"\n";
+        let sentence = Site::new(file).err().expect("an error");
+        assert_eq!(sentence, "the site has no program other.rsasm; it has speed-profile.rsasm");
     }
 
     #[test]
