@@ -44,15 +44,18 @@ for (const theme of ["light", "dark"]) {
     await sees(page, "[data-motion=position]", "data-value", 0);
     await bench.write("MotionControl", 1);
     await sees(page, "[data-motion=position]", "data-value", 10_000);
+    // A refused write, with its bytes.
     await bench.refused("Reserved", 5);
-    await bench.write("MotionControl", 1);
-    await passes(page, "position", 17_000);
-    await shot("md3", page);
-    // The refused write, with its bytes.
     await click(page, "[data-traffic][data-verdict=refused] button");
     await page.waitForSelector(".frame-details");
     await page.setViewport({ ...SIZE, deviceScaleFactor: 2 });
     await shot("refused", page, await page.$("#traffic"));
+    await page.setViewport(SIZE);
+    await click(page, "[data-traffic][data-verdict=refused] button");
+    await bench.write("MotionControl", 1);
+    await passes(page, "position", 17_000);
+    await page.evaluate(() => scrollTo(0, 0));
+    await shot("md3", page);
   });
   await bench.end();
 

@@ -4,7 +4,7 @@ import { load } from "./module.js";
 import { buttonsCard } from "./buttons.js";
 import { notes } from "./notes.js";
 
-const PACE = 1000 / 30; // shortest time between two updates, in milliseconds
+const PACE = 1000 / 30 - 4; // shortest time between two updates, in milliseconds: each second one of 60 frames a second
 const SLICE = 1; // milliseconds for which the bench runs at once
 const BUDGET = 24; // milliseconds of each frame that the bench may take
 const LONGEST = 250; // most milliseconds that the bench makes up for after a break
@@ -43,7 +43,7 @@ function answer(method, path, body) {
 async function safely(act) {
   try {
     await ready;
-    return act();
+    return await act();
   } catch (error) {
     fail(error);
     return { ok: false, status: 0, body: { detail: broken } };
@@ -62,7 +62,7 @@ function start(file) {
 }
 
 let file = "";
-const ready = load().then(async loaded => {
+const ready = load().then(loaded => {
   file = loaded.bench;
   wasm = loaded.exports;
   start(file);
@@ -79,36 +79,43 @@ document.addEventListener("visibilitychange", () => document.hidden && (wasHidde
 /** Lets the bench's time pass as the browser's, and shows what has happened. A hidden page gets no frames: the bench stands still. */
 function tick() {
   if (broken) return;
+  requestAnimationFrame(tick);
   const now = performance.now(), passed = now - before;
   before = now;
+  let news = null;
   try {
-    const due = Math.min(passed, LONGEST);
-    let done = 0;
-    while (done < due && performance.now() - now < BUDGET) {
-      const slice = Math.min(SLICE, due - done);
-      wasm.pass(slice / 1000);
-      done += slice;
-    }
-    notes.ran(done, passed, wasHidden);
-    wasHidden = false;
-    if (now - looked >= PACE - 4) update(now);
+    run(now, passed);
+    news = look(now);
     for (const terminal of terminals) terminal.read();
   } catch (error) {
     return fail(error);
   }
-  requestAnimationFrame(tick);
-}
-
-function update(now) {
-  if (!follower) return;
-  looked = now;
-  if (!wasm.update(now - updated)) return;
-  updated = now;
-  const news = JSON.parse(decoder.decode(output()));
+  if (!news) return;
   const { whole } = follower;
   follower.whole = false;
   if (whole) follower.onConnection(true);
   follower.onUpdate(news, whole);
+}
+
+function run(now, passed) {
+  const due = Math.min(passed, LONGEST);
+  let done = 0;
+  while (done < due && performance.now() - now < BUDGET) {
+    const slice = Math.min(SLICE, due - done);
+    wasm.pass(slice / 1000);
+    done += slice;
+  }
+  notes.ran(done, passed, wasHidden);
+  wasHidden = false;
+}
+
+/** What has changed since the last update; null if nothing has, or it is too early. */
+function look(now) {
+  if (!follower || now - looked < PACE) return null;
+  looked = now;
+  if (!wasm.update(now - updated)) return null;
+  updated = now;
+  return JSON.parse(decoder.decode(output()));
 }
 
 // --- The interface ---
