@@ -48,8 +48,12 @@ for (const theme of ["light", "dark"]) {
     await bench.refused("Reserved", 5);
     await click(page, "[data-traffic][data-verdict=refused] button");
     await page.waitForSelector(".frame-details");
-    await page.setViewport({ ...SIZE, deviceScaleFactor: 2 });
+    await page.setViewport({ width: 1240, height: 900, deviceScaleFactor: 2 });
+    // As high as what it shows.
+    const height = height => page.$eval(".frames-scroll", (node, height) => { node.style.maxHeight = height; }, height);
+    await height("none");
     await shot("refused", page, await page.$("#traffic"));
+    await height("");
     await page.setViewport(SIZE);
     await click(page, "[data-traffic][data-verdict=refused] button");
     await bench.write("MotionControl", 1);
