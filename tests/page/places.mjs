@@ -8,9 +8,8 @@
 
 import assert from "node:assert/strict";
 
-import ModbusRTU from "modbus-serial";
-
 import { open, run } from "./bench.mjs";
+import { masterOf } from "./md3.mjs";
 import { serve } from "./server.mjs";
 
 /** Registers of the MD3 User Guide, chapter 7; of Speed, the low word. */
@@ -21,10 +20,7 @@ export const ofProcess = {
   name: "process",
   async begin({ manual = false } = {}) {
     const bench = await run("md3", "--listen", "tcp:127.0.0.1:0", "--fast-boot", ...(manual ? ["--time", "manual"] : []));
-    const master = new ModbusRTU();
-    await master.connectTelnet("127.0.0.1", { port: bench.port });
-    master.setID(1);
-    master.setTimeout(2000);
+    const master = await masterOf(bench);
     const write = (register, value) => master.writeRegister(REGISTERS[register], value);
     return {
       address: `${bench.control}/`, write,

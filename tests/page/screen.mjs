@@ -3,6 +3,7 @@
 import { spawn } from "node:child_process";
 
 import { DRIVETWIN, run } from "./bench.mjs";
+import { masterOf } from "./md3.mjs";
 
 const COLUMNS = 120, ROWS = 36;
 
@@ -70,12 +71,7 @@ export async function terminal(browser) {
   const child = spawn("script", ["-qefc", command, "/dev/null"], { stdio: ["pipe", "pipe", "inherit"], env: { ...process.env, TERM: "xterm-256color" } });
   const screen = new Screen(), decoder = new TextDecoder();
   child.stdout.on("data", bytes => screen.take(decoder.decode(bytes, { stream: true })));
-  const master = await import("modbus-serial").then(async ({ default: ModbusRTU }) => {
-    const master = new ModbusRTU();
-    await master.connectTelnet("127.0.0.1", { port: bench.port });
-    master.setID(1);
-    return master;
-  });
+  const master = await masterOf(bench);
   await master.writeRegister(0x0b, 5).catch(() => {}); // Reserved
   await master.writeRegister(0x11, 1); // MotionControl: Move
   await new Promise(resolve => setTimeout(resolve, 1800));

@@ -14,7 +14,7 @@ const lose = (drop, port) => drive => ["PUT", `buses/${drive}.${port}/faults`, d
 const onAfter = (register, after_ms) => drive => ["POST", "scenario", { steps: [{ when: { drive, register }, after_ms, drive, power: "on" }] }];
 const again = (count, ...steps) => Array.from({ length: count }, () => steps).flat();
 
-/** By the first letters of a kind: {name, title, says, calls}; with `undo`, a second press undoes what `isOn` sees. */
+/** By the first letters of a kind: {name, title, says, calls}. `undo` has the calls of a second press, while the port `bus` loses frames. */
 export const TRIES = {
   md3: [
     { name: "move", title: "Move 10,000 steps", says: "The master writes the distance, then Move. The motor ramps up, runs and ramps down in 2.5 s.",
@@ -23,7 +23,7 @@ export const TRIES = {
       calls: [master(write("HomingConfiguration", 0x10), write("MotionControl", 4))] },
     { name: "lose", title: "Lose every third frame", says: "The line loses a third of the messages. The master repeats each that has no answer.",
       calls: [lose(0.33, "rs485"), master(...again(8, read("MotionControl")))], undo: [lose(0, "rs485")], bus: "rs485" },
-    { name: "cut", title: "Cut the power in the save", says: "The power fails while the drive saves, and is back after 2 s. EEPROMControl then says that the memory is spoiled.",
+    { name: "cut", title: "Cut the power in the save", says: "The power fails while the drive saves, and is back after 2 s. When the drive has started, EEPROMControl says that its memory is spoiled.",
       calls: [power("cut"), onAfter("UserRegister", 2500), master(write("UserRegister", 4711), write("EEPROMControl", 1), wait(11), read("EEPROMControl"))] },
     { name: "refuse", title: "Write where nobody may", says: "The master writes a register that is read only. The drive refuses, and the traffic says why.",
       calls: [master(write("Reserved", 5))] },
@@ -53,10 +53,10 @@ export const TRIES = {
       calls: [lose(0.33, "rs485"), master(...again(8, read("RPM_DATA")))], undo: [lose(0, "rs485")], bus: "rs485" },
   ],
   mdrive: [
-    { name: "move", title: "MR 51200", says: "The master writes MR = 51,200 by Modbus/TCP: one turn of the motor, forward.", calls: [master(write("MR", 51_200))] },
-    { name: "back", title: "MA 0", says: "The master writes MA = 0: the motor goes back to position 0.", calls: [master(write("MA", 0))] },
-    { name: "slew", title: "SL 100000", says: "The motor turns on and on, at 100,000 steps/s.", calls: [master(write("SL", 100_000))] },
-    { name: "stop", title: "SL 0", says: "The motor slows down and stops.", calls: [master(write("SL", 0))] },
+    { name: "move", title: "Turn once", says: "The master writes MR = 51,200 by Modbus/TCP: as many steps forward, one turn of the motor.", calls: [master(write("MR", 51_200))] },
+    { name: "back", title: "Back to 0", says: "The master writes MA = 0: the motor goes to position 0.", calls: [master(write("MA", 0))] },
+    { name: "slew", title: "Turn on and on", says: "The master writes SL = 100,000 steps/s: two turns a second.", calls: [master(write("SL", 100_000))] },
+    { name: "stop", title: "Stop", says: "The master writes SL = 0: the motor slows down and stops.", calls: [master(write("SL", 0))] },
     { name: "refuse", title: "Ask for too much", says: "The master writes RC = 200 %, a run current that is not possible. The drive refuses.", calls: [master(write("RC", 200))] },
   ],
 };

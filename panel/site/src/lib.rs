@@ -12,9 +12,7 @@ use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_panel::describe;
 use drivetwin_panel::faults::Faults;
 use drivetwin_panel::live::{Snapshot, Viewer};
-use drivetwin_panel::requests::{
-    Advance, Mode, Moment, NewValue, PinLevel, Power, Pulses, Scenario, Turn, Typed,
-};
+use drivetwin_panel::requests::{Advance, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Turn, Typed};
 use drivetwin_panel::schema::{self, Places};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{Bench, Client, DriveId, Settings, Setup};
@@ -24,7 +22,6 @@ use drivetwin_sim::config::bench_file;
 use drivetwin_sim::config::layout::DriveLayout;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::export::{pcapng, vcd};
-use drivetwin_sim::line::faults::Party;
 use drivetwin_sim::record::trace::Retention;
 use drivetwin_sim::rsasm::{self, Image};
 use serde::Deserialize;
@@ -42,8 +39,8 @@ const SLICE: Duration = Duration::millis(5);
 /// Longest time that passes at once. A page that was hidden does not make up for more.
 const LONGEST: f64 = 0.25;
 
-/// Longest advance of the clock per call, in seconds.
-const MAX_ADVANCE: f64 = 86_400.0;
+/// Longest wait of a step of a master, in seconds.
+const LONGEST_WAIT: f64 = 600.0;
 
 /// User programs that a bench file may name: there are no files here.
 const PROGRAMS: [(&str, &str); 1] =
@@ -168,16 +165,12 @@ impl Site {
     /// Lets time pass: this many seconds for the person who looks.
     pub fn pass(&mut self, seconds: f64) {
         if let TimeMode::Times(factor) = self.mode {
-            self.run(seconds.clamp(0.0, LONGEST) * f64::from(factor));
+            let end = self.bench.now() + span(seconds.clamp(0.0, LONGEST) * f64::from(factor));
+            self.run_until(end);
         }
     }
 
     /// Runs the bench and its masters.
-    fn run(&mut self, seconds: f64) {
-        let end = self.bench.now() + span(seconds);
-        self.run_until(end);
-    }
-
     fn run_until(&mut self, end: Instant) {
         while self.bench.now() < end {
             let next = end.min(self.bench.now() + SLICE);
@@ -325,36 +318,20 @@ impl Site {
         if self.mode != TimeMode::Manual {
             return Err(Refused(409, "the time mode is not manual".into()));
         }
-        match *advance {
-            Advance { seconds: Some(seconds), to: None } if (0.0..=MAX_ADVANCE).contains(&seconds) => {
-                self.run(seconds);
-            }
-            Advance { seconds: Some(_), to: None } => return Err(invalid("seconds takes 0 to 86400")),
-            Advance { seconds: None, to: Some(Moment::Next) } => {
-                let next = self.bench.next();
-                if next == Instant::NEVER {
-                    return Err(Refused(
-                        409,
-                        "nothing will happen on this bench before somebody acts".into(),
-                    ));
-                }
-                self.run_until(next);
-            }
-            _ => return Err(invalid("an advance takes seconds, or \"to\": \"next\", one of them")),
+        let end = match advance.span().map_err(invalid)? {
+            Some(span) => self.bench.now() + span,
+            None => self.bench.next(),
+        };
+        if end == Instant::NEVER {
+            return Err(Refused(409, "nothing will happen on this bench before somebody acts".into()));
         }
+        self.run_until(end);
         Ok(Answer::json(schema::Time::new(self.mode, self.bench.now())))
     }
 
     fn disturb(&mut self, name: &str, faults: &Faults) -> Result<Answer, Refused> {
-        let bench = &mut self.bench;
-        let outlet = commands::outlet(bench, name)?;
-        let drives = bench.drives_at(outlet);
-        let party = |&id: &DriveId| Party { id, name: bench.name(id), spec: bench.spec(id) };
-        let faults = faults.on(&drives.iter().map(party).collect::<Vec<_>>()).map_err(invalid)?;
-        if let Some(port) = bench.port_at(outlet) {
-            faults.check_for(port).map_err(invalid)?;
-        }
-        bench.set_faults(outlet, faults);
+        let outlet = commands::outlet(&self.bench, name)?;
+        faults.set_on(&mut self.bench, outlet).map_err(invalid)?;
         Ok(Answer::done())
     }
 
@@ -413,7 +390,7 @@ impl Site {
                 StepOfPage::Write { write, value } => Step::Write { row: row(write)?, value: *value },
                 StepOfPage::Read { read } => Step::Read { row: row(read)? },
                 StepOfPage::Say { say } => Step::Say(say.clone()),
-                StepOfPage::Wait { wait } => Step::Wait(span(wait.clamp(0.0, MAX_ADVANCE))),
+                StepOfPage::Wait { wait } => Step::Wait(span(wait.clamp(0.0, LONGEST_WAIT))),
             })
         };
         let steps = play.steps.iter().map(step).collect::<Result<Vec<_>, _>>()?;
