@@ -23,7 +23,7 @@ export const TRIES = {
       calls: [master(write("HomingConfiguration", 0x10), write("MotionControl", 4))] },
     { name: "lose", title: "Lose every third frame", says: "The line loses a third of the messages. The master repeats each that has no answer.",
       calls: [lose(0.33, "rs485"), master(...again(8, read("MotionControl")))], undo: [lose(0, "rs485")], bus: "rs485" },
-    { name: "cut", title: "Cut the power in the save", says: "The power fails while the drive saves, and is back after 2 s. When the drive has started, EEPROMControl says that its memory is spoiled.",
+    { name: "cut", title: "Cut the power in the save", says: "The power fails while the drive saves, and is back after 2 s. EEPROMControl then says that the memory is spoiled.",
       calls: [power("cut"), onAfter("UserRegister", 2500), master(write("UserRegister", 4711), write("EEPROMControl", 1), wait(11), read("EEPROMControl"))] },
     { name: "refuse", title: "Write where nobody may", says: "The master writes a register that is read only. The drive refuses, and the traffic says why.",
       calls: [master(write("Reserved", 5))] },
