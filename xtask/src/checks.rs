@@ -137,7 +137,7 @@ const CHECKS: [Check; 31] = [
         |sh| pytest(sh, &[BOARDS]),
     ),
     check(Group::Bench, "bench on other systems", &[Tool::OtherSystems], other_systems),
-    check(Group::Bench, "static site", &[Tool::WebTarget], |sh| web::write(sh).map(|_| ())),
+    check(Group::Bench, "size of the site", &[Tool::WebTarget], |sh| web::build(sh).map(|_| ())),
     check(Group::Bench, "swarm", &[], swarm::check),
     check(Group::Python, "Python package", &[Tool::Python], python::check),
 ];

@@ -18,6 +18,9 @@ const MOST: u64 = 2_000_000;
 const POLICY: &str = "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; \
                       img-src 'self' data:; connect-src 'self'; base-uri 'none'; form-action 'none'";
 
+/// Name of the module in the site.
+const MODULE: &str = "drivetwin.wasm";
+
 /// Module of the panel that the site has no use for: calls of a server.
 const CALLS: &str = "http.js";
 
@@ -34,7 +37,10 @@ pub(crate) fn print(sh: &Shell, folder: Option<&str>) -> Result<()> {
     if let Some(remedy) = Tools::default().missing(sh, &[Tool::WebTarget]) {
         bail!("{remedy}");
     }
-    let folder = folder.map_or_else(|| place(sh), |folder| sh.current_dir().join(folder));
+    let folder = match folder {
+        Some(folder) => std::env::current_dir()?.join(folder),
+        None => place(sh),
+    };
     let Site { folder, size } = write_to(sh, folder)?;
     println!("{}: for any server of files; its module has {} kB", folder.display(), size / 1000);
     Ok(())
@@ -49,15 +55,27 @@ fn place(sh: &Shell) -> PathBuf {
     target_dir(sh).join("site")
 }
 
-fn write_to(sh: &Shell, folder: PathBuf) -> Result<Site> {
+/// Builds the module, and checks its size. Returns its path and its size in bytes.
+pub(crate) fn build(sh: &Shell) -> Result<(PathBuf, u64)> {
     cmd!(sh, "cargo build --package drivetwin-site --profile web --target {TARGET}").run()?;
     let module = target_dir(sh).join(TARGET).join("web/drivetwin_site.wasm");
     let size = std::fs::metadata(&module).with_context(|| module.display().to_string())?.len();
-    ensure!(size <= MOST, "the bench of the site has {size} bytes, more than {MOST}");
+    ensure!(size <= MOST, "the module of the site has {size} bytes, more than {MOST}");
+    Ok((module, size))
+}
 
+fn write_to(sh: &Shell, folder: PathBuf) -> Result<Site> {
+    let (module, size) = build(sh)?;
     let panel = folder.join("panel");
+    // A folder of that name may be anything, for instance the source of the panel.
+    ensure!(
+        !panel.exists() || panel.join(MODULE).exists(),
+        "{} is there and no part of a site; choose another folder",
+        panel.display()
+    );
     sh.remove_path(&panel)?;
     sh.create_dir(&panel)?;
+    sh.copy_file(&module, panel.join(MODULE))?;
     // A module of the site takes the place of the panel's with the same name.
     for source in ["panel/page", "panel/site/page"] {
         for file in sh.read_dir(source)? {
@@ -68,7 +86,6 @@ fn write_to(sh: &Shell, folder: PathBuf) -> Result<Site> {
         }
     }
     sh.copy_file("panel/site/bench.toml", panel.join("bench.toml"))?;
-    sh.copy_file(&module, panel.join("drivetwin.wasm"))?;
     sh.write_file(folder.join("index.html"), index(&sh.read_file("panel/page/index.html")?)?)?;
     Ok(Site { folder, size })
 }
