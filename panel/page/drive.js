@@ -42,11 +42,12 @@ export function driveView(app, name) {
     const motion = shaft ? el("div", { class: "motion" }, card("Motor", { class: "motor-card" }, null, shaft.node), plot.node)
       : countOf(state) !== undefined ? el("div", { class: "motion alone" }, plot.node) : null;
     const limits = kind.not_modelled.length ? el("details", { class: "card limits" }, el("summary", {}, `Not modelled (${kind.not_modelled.length})`), el("ul", {}, kind.not_modelled.map(line => el("li", {}, line)))) : null;
-    node.replaceChildren(head.node,
+    const buttons = app.backend.buttons?.(app, name); // of a site
+    node.replaceChildren(head.node, ...(buttons ? [buttons.node] : []),
       el("div", { class: "columns" },
         el("div", { class: "screens" }, motion, traffic.node, registers.node, terminals.map(terminal => terminal.node), program.node),
         el("div", { class: "controls" }, front.node, encoder?.node, pulses?.node, faults?.node, lines.map(line => line.node), statistics.node, limits)));
-    parts = { head, traffic, registers, front, faults, program, terminals, lines, shaft, statistics };
+    parts = { head, buttons, traffic, registers, front, faults, program, terminals, lines, shaft, statistics };
     update({ changes: {}, traffic: waiting, leftOut: 0, whole: true });
   };
   let waiting = []; // frames that came before the description of the kind
@@ -64,7 +65,7 @@ export function driveView(app, name) {
     const state = store.state.drive;
     if (!state) return;
     attr(node, "data-state", state.powered ? "on" : "off");
-    for (const part of [parts.head, parts.traffic, parts.registers, parts.front, parts.faults, parts.program, parts.statistics, ...parts.lines]) part?.update(news);
+    for (const part of [parts.head, parts.buttons, parts.traffic, parts.registers, parts.front, parts.faults, parts.program, parts.statistics, ...parts.lines]) part?.update(news);
     for (const frame of news.traffic) {
       parts.registers.take(frame);
       if (frame.verdict === "refused") plot.mark(frame);

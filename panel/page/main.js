@@ -63,6 +63,7 @@ let frame = 0;
 let opening = 0;
 let missing = false; // the bench has no drive of this name
 let firstVisit = location.hash === "";
+backend.begin?.(app); // a site has more to show
 
 function route() {
   const match = location.hash.match(/^#\/(.+)$/);

@@ -4,7 +4,7 @@ use std::fmt;
 
 use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::DriveId;
+use drivetwin_sim::bench::{Bench, DriveId, Outlet};
 use drivetwin_sim::line::faults::{Amount, Direction, FaultRule, LONGEST_DELAY, LineFaults, Party};
 use serde::de::value::MapAccessDeserializer;
 use serde::de::{self, Deserializer, Visitor};
@@ -308,11 +308,26 @@ impl Faults {
         }
     }
 
+    /// Sets these faults of a line or TCP port, from its next frame on.
+    ///
+    /// # Errors
+    /// One sentence: a value out of range, an unknown name, or a fault that the port cannot have.
+    pub fn set_on(&self, bench: &mut Bench, outlet: Outlet) -> Result<(), String> {
+        let drives = bench.drives_at(outlet);
+        let party = |&id: &DriveId| Party { id, name: bench.name(id), spec: bench.spec(id) };
+        let faults = self.on(&drives.iter().map(party).collect::<Vec<_>>())?;
+        if let Some(port) = bench.port_at(outlet) {
+            faults.check_for(port)?;
+        }
+        bench.set_faults(outlet, faults);
+        Ok(())
+    }
+
     /// The faults for a bus with these drives.
     ///
     /// # Errors
     /// One sentence: a value out of range, or an unknown name.
-    pub fn on(&self, drives: &[Party<'_>]) -> Result<LineFaults, String> {
+    fn on(&self, drives: &[Party<'_>]) -> Result<LineFaults, String> {
         let rule = |name, setting: &Setting| setting.rule(name, drives);
         let code = self.exception.table().and_then(|table| table.code);
         let before = self.noise.table().and_then(|table| table.before);

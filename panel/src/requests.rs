@@ -1,5 +1,7 @@
 //! Requests of the control API, as JSON. The responses are those of [`schema`](crate::schema).
 
+use drivetwin_firmware::device::Duration;
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::{self, PowerAction, scenario};
 use drivetwin_sim::commands::{Contact, InputLevel};
 use drivetwin_sim::config::bench_file::parse_scenarios;
@@ -157,6 +159,27 @@ pub struct Advance {
     pub seconds: Option<f64>,
     /// Runs the bench to this moment.
     pub to: Option<Moment>,
+}
+
+/// Longest advance of the clock per call, in seconds.
+const MAX_ADVANCE: f64 = 86_400.0;
+
+impl Advance {
+    /// Bench time to run; `None` for the time until the next event.
+    ///
+    /// # Errors
+    /// One sentence: a value out of range, or not exactly one of the two.
+    pub fn span(&self) -> Result<Option<Duration>, String> {
+        match *self {
+            Self { seconds: Some(seconds), to: None } if (0.0..=MAX_ADVANCE).contains(&seconds) => {
+                // The span is not negative, and far below the maximum of a tick counter.
+                Ok(Some(Duration::from_ticks((seconds * TICKS_PER_SECOND as f64).round() as u64)))
+            }
+            Self { seconds: Some(_), to: None } => Err("seconds takes 0 to 86400".into()),
+            Self { seconds: None, to: Some(Moment::Next) } => Ok(None),
+            _ => Err("an advance takes seconds, or \"to\": \"next\", one of them".into()),
+        }
+    }
 }
 
 /// `next` is the next event of the bench: a drive, a line or a motor has something to do.

@@ -1,4 +1,4 @@
-// The panel of a process in a real Chromium, used as a person would.
+// The panel in a real Chromium, used as a person would: that of a process, and that of the static site.
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
@@ -9,49 +9,49 @@ import { join } from "node:path";
 import { after, before, test } from "node:test";
 
 import { browser as startBrowser, click, DRIVETWIN, open, run, sees, textOf } from "./bench.mjs";
-import { runMd3 } from "./md3.mjs";
-
-// Registers of the MD3 User Guide, chapter 7.
-const MOVE_STEPS = 0x12, SPEED = 0x14, MOTION_CONTROL = 0x11, EEPROM_CONTROL = 0x1a, RESERVED = 0x0b;
+import { PLACES, withMd3 } from "./places.mjs";
 
 let browser;
 before(async () => { browser = await startBrowser(); });
 after(() => browser.close());
 
-const withMd3 = (act, ...options) => runMd3(browser, act, ["--fast-boot", ...options]);
+/** A test at each place. */
+function atEach(name, act, options) {
+  for (const place of PLACES) test(`${place.name}: ${name}`, () => withMd3(browser, place, act, options));
+}
 
-test("the page shows the lights and the motion of a drive that a master moves", () => withMd3(async ({ master, page }) => {
+atEach("the page shows the lights and the motion of a drive that a master moves", async ({ bench, page }) => {
   // 7.20: D6 is the green light of the power; nothing moves yet.
   await sees(page, "[data-drive=md3] [data-led=D6]", "data-state", "on");
   await sees(page, "[data-motion=position]", "data-value", 0);
   const angle = () => page.$eval("[data-motion=position]", node => node.getAttribute("data-value"));
   assert.equal(await angle(), "0");
   // 10,000 steps at 5,000 per second.
-  await master.writeRegister(MOTION_CONTROL, 1);
+  await bench.write("MotionControl", 1);
   await sees(page, "[data-motion=moving]", "data-state", "moving");
   await sees(page, "[data-motion=position]", "data-value", 10_000);
   assert.match(await textOf(page, "[data-traffic][data-verdict=done]"), /write MotionControl = 1/);
-}));
+});
 
-test("a refused write is seen where it happened", () => withMd3(async ({ master, page }) => {
+atEach("a refused write is seen where it happened", async ({ bench, page }) => {
   await sees(page, "[data-motion=position]", "data-value", 0);
   // 7.10: the register is reserved.
-  await assert.rejects(master.writeRegister(RESERVED, 5), { modbusCode: 2 });
+  await bench.refused("Reserved", 5);
   const row = await textOf(page, "[data-traffic][data-verdict=refused]");
   assert.match(row, /write Reserved = 5/);
   assert.match(row, /0x000B Reserved is read only/);
-}));
+});
 
-test("a limit switch is pressed and let go", () => withMd3(async ({ bench, page }) => {
+atEach("a limit switch is pressed and let go", async ({ bench, page }) => {
   await sees(page, "[data-pin='J2.2']", "data-state", "high");
   await click(page, "[data-pin='J2.2'] [data-set=low]");
   await sees(page, "[data-pin='J2.2']", "data-state", "low");
-  assert.equal((await bench.call("GET", "api/drives/md3")).pins["J2.2"], "low");
+  assert.equal((await bench.call("GET", "drives/md3")).pins["J2.2"], "low");
   await click(page, "[data-pin='J2.2'] [data-set=open]");
   await sees(page, "[data-pin='J2.2']", "data-state", "high");
-}));
+});
 
-test("a wrong value is refused with the sentence of the table", () => withMd3(async ({ bench, page }) => {
+atEach("a wrong value is refused with the sentence of the table", async ({ bench, page }) => {
   const edit = async value => {
     const input = await page.waitForSelector("input[data-edit=DeviceAddress]");
     await input.scrollIntoView();
@@ -65,25 +65,25 @@ test("a wrong value is refused with the sentence of the table", () => withMd3(as
   await page.waitForSelector("[data-register=DeviceAddress][data-error], [data-register=DeviceAddress] [data-error]");
   const sentence = await page.$eval("[data-register=DeviceAddress]", node => (node.matches("[data-error]") ? node : node.querySelector("[data-error]")).getAttribute("data-error"));
   assert.match(sentence, /^DeviceAddress takes 1 to 247, not 248$/);
-  assert.equal((await bench.call("GET", "api/drives/md3")).registers.DeviceAddress, 1);
+  assert.equal((await bench.call("GET", "drives/md3")).registers.DeviceAddress, 1);
   await edit(7);
   await sees(page, "[data-register=DeviceAddress]", "data-value", 7);
-  assert.equal((await bench.call("GET", "api/drives/md3")).registers.DeviceAddress, 7);
-}));
+  assert.equal((await bench.call("GET", "drives/md3")).registers.DeviceAddress, 7);
+});
 
-test("the power fails in the middle of a save", () => withMd3(async ({ master, page }) => {
+atEach("the power fails in the middle of a save", async ({ bench, page }) => {
   await sees(page, "[data-motion=position]", "data-value", 0);
   await click(page, "[data-action=power-cut]");
   // 7.20: bit 0 saves all registers.
-  await master.writeRegister(EEPROM_CONTROL, 1).catch(() => {});
+  await bench.write("EEPROMControl", 1).catch(() => {});
   await sees(page, "[data-action=power-off]", "aria-pressed", true);
   await click(page, "[data-action=power-on]");
   await sees(page, "[data-action=power-on]", "aria-pressed", true);
-}));
+});
 
-test("a trace that the page gives replays", () => withMd3(async ({ master, page }) => {
-  await master.writeRegister(SPEED + 1, 20_000);
-  await master.writeRegister(MOTION_CONTROL, 1);
+atEach("a trace that the page gives replays", async ({ bench, page }) => {
+  await bench.write("Speed", 20_000);
+  await bench.write("MotionControl", 1);
   await sees(page, "[data-motion=position]", "data-value", 10_000);
   const folder = mkdtempSync(join(tmpdir(), "drivetwin-page-"));
   const client = await page.createCDPSession();
@@ -94,16 +94,15 @@ test("a trace that the page gives replays", () => withMd3(async ({ master, page 
   const [file] = readdirSync(folder);
   assert.match(readFileSync(join(folder, file), "utf8"), /^drivetwin trace 1\n/);
   execFileSync(DRIVETWIN, ["replay", join(folder, file)]);
-}));
+});
 
-test("manual time advances by a step and to the next event", () => withMd3(async ({ bench, master, page }) => {
+atEach("manual time advances by a step and to the next event", async ({ bench, page }) => {
   await sees(page, "[data-time]", "data-state", "manual");
   const before = await page.$eval("[data-time]", node => Number(node.getAttribute("data-value")));
   await click(page, "[data-action=advance]");
   await page.waitForFunction(before => Number(document.querySelector("[data-time]").getAttribute("data-value")) > before, {}, before);
-  assert.ok((await bench.call("GET", "api/bench")).time.seconds > before);
-  assert.ok(master.isOpen);
-}, "--time", "manual"));
+  assert.ok((await bench.call("GET", "bench")).time.seconds > before);
+}, { manual: true });
 
 test("a bench that ends shows as lost, and comes back", async () => {
   const control = "127.0.0.1:18099";
@@ -121,15 +120,15 @@ test("a bench that ends shows as lost, and comes back", async () => {
   }
 });
 
-for (const [theme, width] of [["light", 1440], ["dark", 1440], ["light", 390]]) {
-  test(`nothing bars a person who cannot see or point, ${theme}, ${width} px`, async () => {
+for (const place of PLACES) for (const [theme, width] of [["light", 1440], ["dark", 1440], ["light", 390]]) {
+  test(`${place.name}: nothing bars a person who cannot see or point, ${theme}, ${width} px`, async () => {
     const axe = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
-    const bench = await run("md3", "--fast-boot");
-    after(() => bench.stop());
+    const bench = await place.begin();
+    after(() => bench.end());
     for (const route of ["#/", "#/md3"]) {
       const { page, faults } = await open(browser, "about:blank", { width, theme });
       await page.setBypassCSP(true);
-      await page.goto(`${bench.control}/${route}`);
+      await page.goto(`${bench.address}${route}`);
       await page.waitForSelector(route === "#/" ? "[data-listed=md3]" : "[data-drive=md3]");
       await page.evaluate(axe);
       const { violations } = await page.evaluate(() => window.axe.run());

@@ -6,12 +6,12 @@ use std::process::{Command, Stdio};
 use std::sync::Mutex;
 use std::{iter, thread};
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, bail};
 use xshell::{Shell, cmd};
 
 use crate::report::{Outcome, Report, Row, now};
 use crate::tools::{self, Tool, Tools};
-use crate::{board, crates, docs, panic_free, pico, python, size, swarm, uf2};
+use crate::{board, crates, docs, panic_free, pico, python, size, swarm, uf2, web};
 
 /// Crates that only a board, or a linker, can build.
 pub(crate) const BARE: [&str; 7] = [
@@ -78,7 +78,7 @@ const fn check(
 }
 
 /// Every check. The order is that in which the lanes run the checks of their groups.
-const CHECKS: [Check; 30] = [
+const CHECKS: [Check; 31] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -113,7 +113,7 @@ const CHECKS: [Check; 30] = [
     }),
     check(Group::Foreign, "modbus-serial", &[Tool::Python, Tool::Node], |sh| foreign(sh, &[MODBUS_SERIAL])),
     check(Group::Foreign, "ser2net", &[Tool::Python, Tool::Ser2net], |sh| foreign(sh, &[SER2NET])),
-    check(Group::Foreign, "panel in Chromium", &[Tool::Node, Tool::Chromium], panel),
+    check(Group::Foreign, "panel in Chromium", &[Tool::Node, Tool::Chromium, Tool::WebTarget], panel),
     check(Group::Foreign, "captures", &[Tool::Python, Tool::Tshark], |sh| foreign(sh, &[PCAP])),
     check(Group::Foreign, "waveforms", &[Tool::Python, Tool::Sigrok], |sh| foreign(sh, &[VCD])),
     check(
@@ -137,6 +137,7 @@ const CHECKS: [Check; 30] = [
         |sh| pytest(sh, &[BOARDS]),
     ),
     check(Group::Bench, "bench on other systems", &[Tool::OtherSystems], other_systems),
+    check(Group::Bench, "size of the site", &[Tool::WebTarget], |sh| web::build(sh).map(|_| ())),
     check(Group::Bench, "swarm", &[], swarm::check),
     check(Group::Python, "Python package", &[Tool::Python], python::check),
 ];
@@ -304,11 +305,23 @@ fn pico_usb(sh: &Shell) -> Result<()> {
     foreign(sh, &[PICO_USB])
 }
 
-/// Uses the panel in a browser as a person would.
+/// Uses the panel of a process, and that of the static site, in a browser as a person would.
 fn panel(sh: &Shell) -> Result<()> {
     build(sh)?;
+    let site = web::write(sh)?.folder;
     let test = cmd!(sh, "npm test --prefix tests/page --silent");
-    Ok(test.env("DRIVETWIN", drivetwin(sh)).run()?)
+    Ok(test.env("DRIVETWIN", drivetwin(sh)).env("SITE", site).run()?)
+}
+
+/// Writes the pictures of the documents.
+pub(crate) fn pictures(sh: &Shell) -> Result<()> {
+    if let Some(remedy) = Tools::default().missing(sh, &[Tool::Node, Tool::Chromium, Tool::WebTarget]) {
+        bail!("{remedy}");
+    }
+    build(sh)?;
+    let site = web::write(sh)?.folder;
+    let pictures = cmd!(sh, "node tests/page/pictures.mjs docs/pictures");
+    Ok(pictures.env("DRIVETWIN", drivetwin(sh)).env("SITE", site).run()?)
 }
 
 fn pytest(sh: &Shell, which: &[&str]) -> Result<()> {

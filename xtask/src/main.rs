@@ -6,10 +6,12 @@
 //! cargo xtask docs    write the generated references in docs/
 //! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
 //! cargo xtask qemu    run a drive on an emulated LM3S6965 board
+//! cargo xtask shots   write the pictures in docs/pictures
 //! cargo xtask size    measure what each drive costs on each board, and print it
 //! cargo xtask soak    run the property tests with many new cases
 //! cargo xtask swarm   run random benches under an oracle
 //! cargo xtask uf2     write a UF2 with an image of each kind for the Raspberry Pi Pico, and one for the Pico 2
+//! cargo xtask web     write the static site: the panel with its bench in WebAssembly
 //! cargo xtask words   count doc comments whose first word does not say the thing itself
 //! ```
 
@@ -30,6 +32,7 @@ mod size;
 mod swarm;
 mod tools;
 mod uf2;
+mod web;
 mod words;
 
 use std::path::Path;
@@ -48,12 +51,14 @@ usage: cargo xtask <command>
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`; with the
           ports of its USB cable on two more: `pico md3 --usb`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
+  shots   write the pictures of the panel and the view in docs/pictures
   size    print what each drive costs on each board; fail if one costs too much
   soak    run the property tests with so many new cases each: `soak 20000`
   swarm   run random benches under an oracle: `swarm --minutes 10`, `swarm --seed 7`, `swarm --help`;
           `swarm --planted`: how soon it finds each of the defects in tests/swarm/planted
   uf2     write target/drivetwin-pico.uf2 and drivetwin-pico2.uf2, which have every kind of drive for a Raspberry Pi
           Pico and a Pico 2
+  web     write the static site, the panel with its bench in WebAssembly, to target/site; `web --out DIR`
   words   print how many doc comments begin with a question or a pronoun, by crate; `words --list`: which
 ";
 
@@ -66,6 +71,7 @@ fn main() -> ExitCode {
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
         ["pico", kind, options @ ..] => shell().and_then(|sh| pico::run(&sh, kind, options)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
+        ["shots"] => shell().and_then(|sh| checks::pictures(&sh)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),
         ["swarm", "--planted", names @ ..] => {
@@ -73,6 +79,8 @@ fn main() -> ExitCode {
         }
         ["swarm", options @ ..] => shell().and_then(|sh| swarm::run(&sh, options)).map(|()| true),
         ["uf2"] => shell().and_then(|sh| uf2::print(&sh)).map(|()| true),
+        ["web"] => shell().and_then(|sh| web::print(&sh, None)).map(|()| true),
+        ["web", "--out", folder] => shell().and_then(|sh| web::print(&sh, Some(folder))).map(|()| true),
         ["words"] => shell().and_then(|sh| words::print(&sh, false)).map(|()| true),
         ["words", "--list"] => shell().and_then(|sh| words::print(&sh, true)).map(|()| true),
         [] | ["help" | "--help" | "-h"] => {

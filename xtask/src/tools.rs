@@ -11,7 +11,7 @@ use anyhow::{Context, Result, bail, ensure};
 use xshell::{Cmd, Shell, cmd};
 
 use crate::checks::target_dir;
-use crate::counted;
+use crate::{counted, web};
 
 /// The Cortex-M targets of the boards.
 pub(crate) const THUMB_TARGETS: [&str; 4] =
@@ -32,6 +32,8 @@ pub(crate) enum Tool {
     ThumbTargets,
     /// The standard libraries of [`OTHER_SYSTEMS`].
     OtherSystems,
+    /// The standard library of a browser, one of [`OTHER_SYSTEMS`].
+    WebTarget,
     /// Emulates the LM3S6965 board.
     Qemu,
     /// A QEMU that takes the plugin that counts instructions.
@@ -111,6 +113,7 @@ impl Tool {
             Self::Clippy => "clippy",
             Self::ThumbTargets => "Rust for Cortex-M",
             Self::OtherSystems => "Rust for WebAssembly, Windows and macOS",
+            Self::WebTarget => "Rust for WebAssembly",
             Self::Qemu => "qemu-system-arm",
             Self::Counting => "QEMU 6 to 10, whose interface for counting instructions is known,",
             Self::Mbpoll => "mbpoll",
@@ -135,6 +138,7 @@ impl Tool {
             Self::OtherSystems => {
                 "rustup target add wasm32-unknown-unknown x86_64-pc-windows-msvc aarch64-apple-darwin"
             }
+            Self::WebTarget => "rustup target add wasm32-unknown-unknown",
             Self::Qemu | Self::Counting => "apt-get install qemu-system-arm",
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Ser2net => "apt-get install ser2net",
@@ -153,6 +157,7 @@ impl Tool {
             Self::Clippy => runs(sh, "cargo-clippy"),
             Self::ThumbTargets => THUMB_TARGETS.iter().all(|target| has_target(sh, target)),
             Self::OtherSystems => OTHER_SYSTEMS.iter().all(|target| has_target(sh, target)),
+            Self::WebTarget => has_target(sh, web::TARGET),
             Self::Qemu => runs(sh, "qemu-system-arm"),
             Self::Counting => counted::takes_plugin(sh),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
@@ -172,6 +177,10 @@ impl Tool {
             Self::Clippy => quietly(cmd!(sh, "rustup component add clippy")),
             Self::ThumbTargets => quietly(cmd!(sh, "rustup target add {THUMB_TARGETS...}")),
             Self::OtherSystems => quietly(cmd!(sh, "rustup target add {OTHER_SYSTEMS...}")),
+            Self::WebTarget => {
+                let target = web::TARGET;
+                quietly(cmd!(sh, "rustup target add {target}"))
+            }
             Self::Counting if runs(sh, "qemu-system-arm") => bail!("the QEMU that is here is another"),
             Self::Qemu | Self::Counting => apt.install(sh, "qemu-system-arm"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),

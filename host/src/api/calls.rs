@@ -3,15 +3,13 @@
 use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::StatusCode;
-use drivetwin_firmware::device::{Duration, Instant};
+use drivetwin_firmware::device::Instant;
 use drivetwin_panel::faults::Faults;
-use drivetwin_panel::requests::{Advance, Mode, Moment, NewValue, PinLevel, Power, Pulses, Scenario, Turn};
+use drivetwin_panel::requests::{Advance, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Turn};
 use drivetwin_panel::schema::{Bench, Bus, Drive, Time};
-use drivetwin_protocol::time::TICKS_PER_SECOND;
 use drivetwin_sim::bench::DriveId;
 use drivetwin_sim::commands;
 use drivetwin_sim::config::time_mode::TimeMode;
-use drivetwin_sim::line::faults::Party;
 use futures_util::future::join_all;
 use tokio::sync::oneshot;
 
@@ -21,9 +19,6 @@ use super::problem::Problem;
 use super::{Api, stopping};
 use crate::board::{Board, reasons};
 use crate::event_loop::EventLoop;
-
-/// Longest advance of the clock per call, in seconds.
-const MAX_ADVANCE: f64 = 86_400.0;
 
 /// The bench: drives, lines, motors, time.
 #[utoipa::path(get, path = "/api/bench", responses((status = 200, body = Bench)))]
@@ -184,16 +179,10 @@ pub(super) async fn disturb(
     api.call(move |event_loop| {
         let bench = &mut event_loop.bench;
         let outlet = commands::outlet(bench, &name)?;
-        let drives = bench.drives_at(outlet);
-        if drives.iter().any(|&id| bench.is_elsewhere(id)) {
+        if bench.drives_at(outlet).iter().any(|&id| bench.is_elsewhere(id)) {
             return Err(Problem::conflict(reasons::NO_LINE_FAULTS));
         }
-        let party = |&id: &DriveId| Party { id, name: bench.name(id), spec: bench.spec(id) };
-        let faults = faults.on(&drives.iter().map(party).collect::<Vec<_>>()).map_err(Problem::refused)?;
-        if let Some(port) = bench.port_at(outlet) {
-            faults.check_for(port).map_err(Problem::refused)?;
-        }
-        bench.set_faults(outlet, faults);
+        faults.set_on(bench, outlet).map_err(Problem::refused)?;
         event_loop.begin_idle_run();
         Ok(StatusCode::NO_CONTENT)
     })
@@ -248,17 +237,7 @@ pub(super) async fn advance(
     State(api): State<Api>,
     Body(advance): Body<Advance>,
 ) -> Result<Json<Time>, Problem> {
-    let span = match advance {
-        Advance { seconds: Some(seconds), to: None } => {
-            if !(0.0..=MAX_ADVANCE).contains(&seconds) {
-                return Err(Problem::refused("seconds takes 0 to 86400"));
-            }
-            // The span is not negative, and far below the maximum of a tick counter.
-            Some(Duration::from_ticks((seconds * TICKS_PER_SECOND as f64).round() as u64))
-        }
-        Advance { seconds: None, to: Some(Moment::Next) } => None,
-        _ => return Err(Problem::refused("an advance takes seconds, or \"to\": \"next\", one of them")),
-    };
+    let span = advance.span().map_err(Problem::refused)?;
     api.refuse_with_boards(reasons::NO_TIME)?;
     let Ok(_turn) = api.advancing.try_acquire() else {
         return Err(Problem::conflict("another call advances the clock; wait until it has ended"));

@@ -12,19 +12,18 @@ use drivetwin_firmware::device::{Duration, Instant};
 use drivetwin_panel::describe;
 use drivetwin_panel::faults::Faults;
 use drivetwin_panel::live::{Snapshot, Viewer};
-use drivetwin_panel::requests::{
-    Advance, Mode, Moment, NewValue, PinLevel, Power, Pulses, Scenario, Turn, Typed,
-};
+use drivetwin_panel::requests::{Advance, Mode, NewValue, PinLevel, Power, Pulses, Scenario, Turn, Typed};
 use drivetwin_panel::schema::{self, Places};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
-use drivetwin_sim::bench::{Bench, Client, DriveId, Settings};
+use drivetwin_sim::bench::{Bench, Client, DriveId, Settings, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::commands::{self, OnBench, Refusal};
 use drivetwin_sim::config::bench_file;
+use drivetwin_sim::config::layout::DriveLayout;
 use drivetwin_sim::config::time_mode::TimeMode;
 use drivetwin_sim::export::{pcapng, vcd};
-use drivetwin_sim::line::faults::Party;
 use drivetwin_sim::record::trace::Retention;
+use drivetwin_sim::rsasm::{self, Image};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -40,8 +39,12 @@ const SLICE: Duration = Duration::millis(5);
 /// Longest time that passes at once. A page that was hidden does not make up for more.
 const LONGEST: f64 = 0.25;
 
-/// Longest advance of the clock per call, in seconds.
-const MAX_ADVANCE: f64 = 600.0;
+/// Longest wait of a step of a master, in seconds.
+const LONGEST_WAIT: f64 = 600.0;
+
+/// User programs that a bench file may name: there are no files here.
+const PROGRAMS: [(&str, &str); 1] =
+    [("speed-profile.rsasm", include_str!("../../../examples/speed-profile.rsasm"))];
 
 /// Largest number of characters that a terminal keeps for the page.
 const MOST_SHOWN: usize = 64 << 10;
@@ -116,7 +119,8 @@ struct Call {
     body: Value,
 }
 
-/// Steps for a master: `{"drive": "md3", "steps": [{"write": "MotionControl", "value": 1}], "poll": "Speed"}`.
+/// Steps for a master: `{"drive": "md3", "steps": [{"write": "MotionControl", "value": 1}], "poll": "Speed"}`. A step
+/// `{"say": "S0E"}` is a command for a drive that takes text.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Play {
@@ -132,6 +136,7 @@ struct Play {
 enum StepOfPage {
     Write { write: String, value: i64 },
     Read { read: String },
+    Say { say: String },
     Wait { wait: f64 },
 }
 
@@ -145,7 +150,8 @@ impl Site {
         let ring = Retention::Ring(RING);
         let settings =
             Settings { trace: ring, capture: ring, shafts: true, outcomes: true, ..layout.settings() };
-        let bench = layout.build(settings, Vec::new())?.bench;
+        let setups = layout.drives.iter().map(setup).collect::<Result<_, _>>()?;
+        let bench = layout.build(settings, setups)?.bench;
         Ok(Self {
             bench,
             mode: TimeMode::Times(1),
@@ -159,16 +165,12 @@ impl Site {
     /// Lets time pass: this many seconds for the person who looks.
     pub fn pass(&mut self, seconds: f64) {
         if let TimeMode::Times(factor) = self.mode {
-            self.run(seconds.clamp(0.0, LONGEST) * f64::from(factor));
+            let end = self.bench.now() + span(seconds.clamp(0.0, LONGEST) * f64::from(factor));
+            self.run_until(end);
         }
     }
 
     /// Runs the bench and its masters.
-    fn run(&mut self, seconds: f64) {
-        let end = self.bench.now() + span(seconds);
-        self.run_until(end);
-    }
-
     fn run_until(&mut self, end: Instant) {
         while self.bench.now() < end {
             let next = end.min(self.bench.now() + SLICE);
@@ -316,36 +318,20 @@ impl Site {
         if self.mode != TimeMode::Manual {
             return Err(Refused(409, "the time mode is not manual".into()));
         }
-        match *advance {
-            Advance { seconds: Some(seconds), to: None } if (0.0..=MAX_ADVANCE).contains(&seconds) => {
-                self.run(seconds);
-            }
-            Advance { seconds: Some(_), to: None } => return Err(invalid("seconds takes 0 to 600")),
-            Advance { seconds: None, to: Some(Moment::Next) } => {
-                let next = self.bench.next();
-                if next == Instant::NEVER {
-                    return Err(Refused(
-                        409,
-                        "nothing will happen on this bench before somebody acts".into(),
-                    ));
-                }
-                self.run_until(next);
-            }
-            _ => return Err(invalid("an advance takes seconds, or \"to\": \"next\", one of them")),
+        let end = match advance.span().map_err(invalid)? {
+            Some(span) => self.bench.now() + span,
+            None => self.bench.next(),
+        };
+        if end == Instant::NEVER {
+            return Err(Refused(409, "nothing will happen on this bench before somebody acts".into()));
         }
+        self.run_until(end);
         Ok(Answer::json(schema::Time::new(self.mode, self.bench.now())))
     }
 
     fn disturb(&mut self, name: &str, faults: &Faults) -> Result<Answer, Refused> {
-        let bench = &mut self.bench;
-        let outlet = commands::outlet(bench, name)?;
-        let drives = bench.drives_at(outlet);
-        let party = |&id: &DriveId| Party { id, name: bench.name(id), spec: bench.spec(id) };
-        let faults = faults.on(&drives.iter().map(party).collect::<Vec<_>>()).map_err(invalid)?;
-        if let Some(port) = bench.port_at(outlet) {
-            faults.check_for(port).map_err(invalid)?;
-        }
-        bench.set_faults(outlet, faults);
+        let outlet = commands::outlet(&self.bench, name)?;
+        faults.set_on(&mut self.bench, outlet).map_err(invalid)?;
         Ok(Answer::done())
     }
 
@@ -403,7 +389,8 @@ impl Site {
             Ok::<_, Refused>(match step {
                 StepOfPage::Write { write, value } => Step::Write { row: row(write)?, value: *value },
                 StepOfPage::Read { read } => Step::Read { row: row(read)? },
-                StepOfPage::Wait { wait } => Step::Wait(span(wait.clamp(0.0, MAX_ADVANCE))),
+                StepOfPage::Say { say } => Step::Say(say.clone()),
+                StepOfPage::Wait { wait } => Step::Wait(span(wait.clamp(0.0, LONGEST_WAIT))),
             })
         };
         let steps = play.steps.iter().map(step).collect::<Result<Vec<_>, _>>()?;
@@ -427,12 +414,23 @@ impl Site {
     }
 }
 
+/// The memory of a drive, with its user program.
+fn setup(drive: &DriveLayout) -> Result<Setup, String> {
+    let Some(file) = &drive.program else { return Ok(Setup::default()) };
+    let (_, text) = PROGRAMS.iter().find(|(name, _)| file.as_os_str() == *name).ok_or_else(|| {
+        let names = PROGRAMS.map(|(name, _)| name).join(", ");
+        format!("the site has no program {}; it has {names}", file.display())
+    })?;
+    let program = rsasm::assemble(text).map_err(|error| format!("{}:{error}", file.display()))?;
+    Ok(Setup { memory: Some(Image::of(&program).memory()), ..Setup::default() })
+}
+
 /// Reads the body of a call.
 fn read<T: DeserializeOwned>(body: Value) -> Result<T, Refused> {
     serde_json::from_value(body).map_err(|error| invalid(format!("the body is not valid: {error}")))
 }
 
-/// A time of at most a few minutes.
+/// A time of at most a day.
 fn span(seconds: f64) -> Duration {
     Duration::from_ticks((seconds * TICKS_PER_SECOND as f64).round() as u64)
 }
@@ -523,6 +521,40 @@ mod tests {
         assert_eq!((status, &time["seconds"]), (200, &json!(1.5)));
         let (status, time) = call(&mut site, "POST", "time/advance", json!({"to": "next"}));
         assert!(status == 200 && time["seconds"].as_f64() > Some(1.5), "{time}");
+    }
+
+    #[test]
+    fn the_bench_of_the_site_runs_a_program_and_streams() {
+        let mut site = Site::new(include_str!("../bench.toml")).expect("a bench");
+        pass(&mut site, 3);
+        for (drive, steps) in [
+            ("rs434", json!([{"write": "MODE_USER_PROGRAM", "value": 2}])),
+            ("qsb", json!([{"write": "IntervalRate", "value": 51}, {"say": "S0E"}])),
+            ("mdrive", json!([{"write": "HC", "value": 50}, {"write": "MR", "value": 51_200}])),
+        ] {
+            let play = json!({"drive": drive, "steps": steps});
+            assert_eq!(call(&mut site, "POST", "master", play).0, 204, "{drive}");
+        }
+        site.follow(Some("qsb".into()));
+        pass(&mut site, 2);
+        // The first speed of the program is 500 rpm, forward.
+        assert_eq!(call(&mut site, "GET", "drives/rs434", Value::Null).1["motion"]["moving"], true);
+        let (_, mdrive) = call(&mut site, "GET", "drives/mdrive", Value::Null);
+        assert_eq!((&mdrive["registers"]["HC"], &mdrive["motion"]["position"]), (&json!(50), &json!(51_200)));
+        let update = site.update(WallSpan::from_secs(1)).expect("the whole state");
+        let update: Value = serde_json::from_slice(&update).expect("JSON");
+        let traffic = update["traffic"].as_array().expect("traffic");
+        // S0E answers once, then every 51 of 512 parts of a second.
+        let streamed =
+            traffic.iter().filter(|frame| frame["sent"] == true && frame["text"] == "ReadEncoder = 0");
+        assert!((15..=20).contains(&streamed.count()), "{traffic:?}");
+    }
+
+    #[test]
+    fn a_program_that_the_site_does_not_have_is_an_error() {
+        let file = "[[drive]]\nname = \"x\"\nkind = \"rs434544\"\nprogram = \"other.rsasm\"\n";
+        let sentence = Site::new(file).err().expect("an error");
+        assert_eq!(sentence, "the site has no program other.rsasm; it has speed-profile.rsasm");
     }
 
     #[test]

@@ -15,14 +15,14 @@ const PATIENCE: Duration = Duration::millis(250);
 /// Number of times that a request without an answer is repeated before the master goes on with the next step.
 const REPEATS: u32 = 4;
 
-/// Time between two requests.
-const PAUSE: Duration = Duration::millis(20);
+/// Time from the first characters of an answer to the next request: longer than the rest of the answer.
+const PAUSE: Duration = Duration::millis(50);
 
 /// Time between two polls while the master has nothing else to do.
 const POLL: Duration = Duration::millis(200);
 
 /// A step of a master. A row is an index of [`Spec::rows`].
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[derive(Clone, PartialEq, Eq, Debug)]
 pub enum Step {
     /// Writes a register.
     Write {
@@ -36,6 +36,8 @@ pub enum Step {
         /// Row of the register.
         row: usize,
     },
+    /// Sends a command to a drive that takes text; without effect on others.
+    Say(String),
     /// Waits.
     Wait(Duration),
 }
@@ -89,12 +91,12 @@ impl Master {
     /// Replaces the steps that are still to be done.
     pub fn play(&mut self, bench: &Bench, steps: &[Step]) {
         let spec = bench.spec(self.drive);
-        self.actions = steps.iter().flat_map(|step| actions(spec, *step)).collect();
+        self.actions = steps.iter().flat_map(|step| actions(spec, step)).collect();
     }
 
     /// Chooses the register that is read while there are no steps.
     pub fn poll(&mut self, bench: &Bench, row: usize) {
-        let read = actions(bench.spec(self.drive), Step::Read { row });
+        let read = actions(bench.spec(self.drive), &Step::Read { row });
         self.poll = read.into_iter().find_map(|action| match action {
             Action::Ask(request) => Some(request),
             Action::Wait(_) => None,
@@ -147,14 +149,16 @@ impl Master {
 }
 
 /// Actions of a step; empty if the bus cannot do it.
-fn actions(spec: &Spec, step: Step) -> Vec<Action> {
+fn actions(spec: &Spec, step: &Step) -> Vec<Action> {
+    let is_text = spec.ports.first().is_some_and(|port| port.framing == Framing::Character);
     let (row, value) = match step {
-        Step::Write { row, value } => (row, Some(value)),
-        Step::Read { row } => (row, None),
-        Step::Wait(time) => return vec![Action::Wait(time)],
+        Step::Write { row, value } => (*row, Some(*value)),
+        Step::Read { row } => (*row, None),
+        Step::Say(command) if is_text => return vec![Action::Ask(format!("{command}\r").into_bytes())],
+        Step::Say(_) => return Vec::new(),
+        Step::Wait(time) => return vec![Action::Wait(*time)],
     };
     let Some(register) = spec.registers.rows.get(row) else { return Vec::new() };
-    let is_text = spec.ports.first().is_some_and(|port| port.framing == Framing::Character);
     let requests = match value {
         // The commands of a QSB.
         Some(value) if is_text => {
@@ -175,8 +179,10 @@ fn writes(spec: &Spec, register: &Row, value: i64) -> Vec<Vec<u8>> {
         Space::Holding => {
             let words = (0..usize::from(register.shape.words()))
                 .map(|n| spec.registers.word(register.shape, value, n).to_be_bytes());
-            // The MD3 has no function 16 (6), so its words are written one after the other.
-            if register.shape.words() == 1 || spec.kind.starts_with("md3") {
+            // The MD3 has no function 16 (6), so its words are written one after the other; an MDrive has no function 6 (4.4).
+            if (register.shape.words() == 1 && !spec.kind.starts_with("mdrive"))
+                || spec.kind.starts_with("md3")
+            {
                 let address = |n: u16| register.address.wrapping_add(n).to_be_bytes();
                 (0..).zip(words).map(|(n, word)| [&[6], &address(n)[..], &word].concat()).collect()
             } else {
