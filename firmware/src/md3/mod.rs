@@ -248,22 +248,7 @@ impl Device for Md3 {
             Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
             Input::Count { steps, a, b, .. } => self.drive.on_count(steps, a, b),
             Input::StepsCorrection { steps, .. } => self.drive.correct_steps(steps),
-            // The MD3 has no such ports and pins, and it sends plans and duties to its motor instead of
-            // receiving them.
-            Input::RxError { .. }
-            | Input::HostPresence { .. }
-            | Input::Opened { .. }
-            | Input::Message { .. }
-            | Input::Closed { .. }
-            | Input::Open { .. }
-            | Input::Millivolts { .. }
-            | Input::CurrentLimit { .. }
-            | Input::Duty { .. }
-            | Input::MotorCurrent { .. }
-            | Input::Motor { .. }
-            | Input::Rotation { .. }
-            | Input::Plan { .. }
-            | Input::Step { .. } => {}
+            _ => {}
         }
     }
 

@@ -257,20 +257,7 @@ impl Device for Mdrobot {
             Input::MotorCurrent { ma, .. } => self.drive.servo.draws(ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turned(at, rotation),
-            // The MD400 has no such ports and pins, and it sends the limit and the duty to its motor instead
-            // of receiving them.
-            Input::RxError { .. }
-            | Input::Millivolts { .. }
-            | Input::HostPresence { .. }
-            | Input::Opened { .. }
-            | Input::Message { .. }
-            | Input::Closed { .. }
-            | Input::Count { .. }
-            | Input::CurrentLimit { .. }
-            | Input::Duty { .. }
-            | Input::Plan { .. }
-            | Input::Step { .. }
-            | Input::StepsCorrection { .. } => {}
+            _ => {}
         }
         self.drive.check_alarms(at, out);
     }

@@ -304,19 +304,7 @@ impl Device for Rs434 {
             Input::MotorCurrent { ma, .. } => self.drive.draws(at, ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turns(at, rotation),
-            // The drive has no such ports and inputs. Inputs of the motor are outputs of the drive.
-            Input::HostPresence { .. }
-            | Input::Opened { .. }
-            | Input::Message { .. }
-            | Input::Closed { .. }
-            | Input::Open { .. }
-            | Input::Millivolts { .. }
-            | Input::Count { .. }
-            | Input::CurrentLimit { .. }
-            | Input::Duty { .. }
-            | Input::Plan { .. }
-            | Input::Step { .. }
-            | Input::StepsCorrection { .. } => {}
+            _ => {}
         }
         self.after_event(at, out);
     }
