@@ -60,6 +60,7 @@
 //! assert_eq!(plan.position_at(plan.end()), 10_000);
 //! ```
 
+use core::fmt;
 use core::ops::RangeInclusive;
 
 pub use drivetwin_protocol::line::Line;
@@ -436,6 +437,20 @@ pub enum PresetError {
     /// The drive cannot change the register now, because of what it is doing.
     Busy,
 }
+
+impl fmt::Display for PresetError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NoSuchRegister => "the drive has no such register",
+            Self::ReadOnly => "the drive sets it itself",
+            Self::OutOfRange => "the drive does not take the value",
+            Self::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
+            Self::Busy => "other settings or the present state of the drive do not allow it",
+        })
+    }
+}
+
+impl core::error::Error for PresetError {}
 
 /// The sign that ends a message on a port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

@@ -14,6 +14,8 @@ pub mod rtu;
 pub mod server;
 pub mod tcp;
 
+use core::fmt;
+
 use crate::line::Line;
 
 /// The longest frame on a serial line (serial 2.5.1): address, function, 252 bytes, CRC.
@@ -43,6 +45,21 @@ pub enum DropReason {
     /// The drive is starting up and receives nothing yet.
     Starting,
 }
+
+impl fmt::Display for DropReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Crc => "the checksum does not match",
+            Self::Gap => "a gap between two characters is too long",
+            Self::Length => "no frame has this length",
+            Self::RxError => "a character was received with an error",
+            Self::Address => "the frame is for another slave",
+            Self::Starting => "the drive is starting",
+        })
+    }
+}
+
+impl core::error::Error for DropReason {}
 
 /// Result of [`scan`]: the frame at the front of a burst of characters. A host uses it, because a host does
 /// not know the gaps between the characters.
