@@ -40,7 +40,7 @@ fn wrong_values_and_registers_are_refused() {
 #[test]
 fn an_overload_stops_it_until_a_stop_clears_it() {
     let (bench, drive) = vfd();
-    drive.ask(&rtu::write(1, 0, 2));
+    assert_eq!(drive.ask(&rtu::write(1, 0, 2)), rtu::write(1, 0, 2)[..]);
     bench.advance(3.secs());
     assert_eq!(drive.get("Frequency").unwrap(), -2_500);
     drive.fault("overload").unwrap();
@@ -48,8 +48,8 @@ fn an_overload_stops_it_until_a_stop_clears_it() {
     assert_eq!((drive.get("Frequency").unwrap(), drive.get("Status").unwrap()), (0, 4));
     // A start has no effect until the cause is gone and a stop has cleared the fault.
     drive.clear("overload").unwrap();
-    drive.ask(&rtu::write(1, 0, 1));
+    assert_eq!(drive.ask(&rtu::write(1, 0, 1)), rtu::write(1, 0, 1)[..]);
     assert_eq!(drive.get("Status").unwrap(), 4);
-    drive.ask(&rtu::write(1, 0, 0));
+    assert_eq!(drive.ask(&rtu::write(1, 0, 0)), rtu::write(1, 0, 0)[..]);
     assert_eq!(drive.get("Status").unwrap(), 0);
 }

@@ -283,7 +283,8 @@ impl Device for Rs434 {
         match input {
             Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
             Input::RxError { .. } => {
-                if self.serial.rx_error(at) {
+                let is_receiving = self.serial.rx_error(at);
+                if is_receiving {
                     self.drive.rx_error();
                 }
             }
