@@ -8,11 +8,13 @@ mod log;
 mod png;
 
 use std::ffi::OsString;
+use std::process::ExitCode;
 
 use args::{Cli, Command};
 use clap::Parser as _;
 use commands::print;
 use drivetwin_host::options::{AttachOptions, RunOptions};
+use drivetwin_sim::catalog::{self, Kind};
 
 /// Exit code: the command is done.
 const SUCCESS: u8 = 0;
@@ -20,6 +22,21 @@ const SUCCESS: u8 = 0;
 const DIFFERENT: u8 = 1;
 /// Exit code: wrong usage or configuration.
 const BAD_USAGE: u8 = 2;
+
+/// The `main` of a program that is `drivetwin` with further kinds of drive. `examples/own-drive` is such a program:
+///
+/// ```ignore
+/// fn main() -> std::process::ExitCode {
+///     drivetwin_cli::main(&[|| Box::new(Vfd::new())])
+/// }
+/// ```
+pub fn main(kinds: &'static [Kind]) -> ExitCode {
+    match catalog::add(kinds) {
+        Ok(()) => run(std::env::args_os()),
+        Err(sentence) => fail(&sentence),
+    }
+    .into()
+}
 
 /// Runs the command with these arguments, the first of which is its own name, and returns its exit code. It catches
 /// signals and prints as a program does, so a process calls it once.

@@ -3,5 +3,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    drivetwin_cli::run(std::env::args_os()).into()
+    drivetwin_cli::main(&[])
 }

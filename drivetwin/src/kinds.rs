@@ -1,5 +1,24 @@
 //! The kinds of drive, with the names of their registers and pins for completion in an editor.
 
+pub use drivetwin_sim::catalog::Kind;
+
+/// Adds kinds of drive of other crates to this process, once, before a bench is made. `examples/own-drive` has one.
+///
+/// ```
+/// use drivetwin::Bench;
+/// use drivetwin::firmware::md3::Md3;
+///
+/// // A kind of your own in place of Md3, whose name is in use.
+/// let refused = drivetwin::add_kinds(&[|| Box::new(Md3::new())]);
+/// assert_eq!(refused.unwrap_err().to_string(), "there are two kinds with the name md3");
+/// ```
+///
+/// # Errors
+/// Kinds were added before, or the name of a kind is not one word or is in use.
+pub fn add_kinds(kinds: &'static [Kind]) -> Result<(), crate::Error> {
+    drivetwin_sim::catalog::add(kinds).map_err(crate::Error)
+}
+
 /// All kinds, for [`Bench::add`](crate::Bench::add).
 pub const ALL: [&str; 10] = [
     "md3",

@@ -96,7 +96,7 @@ pub use drivetwin_sim::signals::pulses::Pulse;
 
 pub use bench::Bench;
 pub use drive::Drive;
-pub use kinds::{md3, mdrive, mdrobot, qsb, rs434};
+pub use kinds::{Kind, add_kinds, md3, mdrive, mdrobot, qsb, rs434};
 pub use names::RegisterName;
 
 /// A name, a value or a file that is not valid, in one sentence.

@@ -60,6 +60,7 @@
 //! assert_eq!(plan.position_at(plan.end()), 10_000);
 //! ```
 
+use core::fmt;
 use core::ops::RangeInclusive;
 
 pub use drivetwin_protocol::line::Line;
@@ -118,8 +119,9 @@ pub enum Level {
     Float,
 }
 
-/// An input of a drive.
+/// An input of a drive. A drive ignores the inputs that it does not know.
 #[derive(Clone, Copy, PartialEq, Debug)]
+#[non_exhaustive]
 pub enum Input<'a> {
     /// Characters received on a serial port. The timestamp is the end of the first character's stop bit; the
     /// other characters follow back to back. An input has more than one character only if silence ends a
@@ -213,20 +215,6 @@ pub enum Input<'a> {
         /// True while the cause is present.
         on: bool,
     },
-    /// Current limit, sent to a motor: see [`Output::CurrentLimit`].
-    CurrentLimit {
-        /// Axis.
-        axis: Axis,
-        /// Peak current in mA; 0 opens the terminals.
-        ma: u32,
-    },
-    /// Duty, sent to a motor: see [`Output::Duty`].
-    Duty {
-        /// Axis.
-        axis: Axis,
-        /// Duty in 1/65536 of the supply voltage, signed.
-        duty: i32,
-    },
     /// The current of the motor on an axis changed.
     MotorCurrent {
         /// Axis.
@@ -250,20 +238,6 @@ pub enum Input<'a> {
         /// Angle, speed and acceleration at the timestamp.
         rotation: Rotation,
     },
-    /// Plan of the drive's axis, sent to a stepper motor: see [`Output::Plan`].
-    Plan {
-        /// Axis.
-        axis: Axis,
-        /// The plan, in steps of the drive.
-        plan: &'a Plan,
-    },
-    /// Steps without a ramp, sent to a stepper motor: see [`Output::Step`].
-    Step {
-        /// Axis.
-        axis: Axis,
-        /// Number of steps, signed.
-        steps: i32,
-    },
     /// A board started a plan late and therefore made more steps than the plan has. The simulator never sends
     /// this.
     StepsCorrection {
@@ -274,7 +248,7 @@ pub enum Input<'a> {
     },
 }
 
-/// An output of a drive.
+/// An output of a drive. Callers match all outputs, so that none is lost silently.
 #[derive(Clone, Copy, PartialEq, Debug)]
 pub enum Output<'a> {
     /// Characters to send from the timestamp on, back to back at the rate of the line. The caller times each
@@ -352,27 +326,6 @@ pub enum Output<'a> {
         axis: Axis,
         /// Duty in 1/65536 of the supply voltage, signed; 0 shorts the terminals.
         duty: i32,
-    },
-    /// Current of a motor from the timestamp on. A motor puts this output.
-    MotorCurrent {
-        /// Axis.
-        axis: Axis,
-        /// Current in mA, with the sign of the duty.
-        ma: i32,
-    },
-    /// Parameters of a motor. A motor puts this output at power-on and when the parameters change.
-    Motor {
-        /// Axis.
-        axis: Axis,
-        /// Winding, rotor, supply and load.
-        parameters: &'a Parameters,
-    },
-    /// Rotation of a motor's shaft from the timestamp on. A motor puts this output.
-    Rotation {
-        /// Axis.
-        axis: Axis,
-        /// Angle, speed and acceleration at the timestamp.
-        rotation: Rotation,
     },
     /// Bytes to write into the non-volatile memory. If power fails during the write, only the first of these
     /// bytes are written.
@@ -484,6 +437,20 @@ pub enum PresetError {
     /// The drive cannot change the register now, because of what it is doing.
     Busy,
 }
+
+impl fmt::Display for PresetError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NoSuchRegister => "the drive has no such register",
+            Self::ReadOnly => "the drive sets it itself",
+            Self::OutOfRange => "the drive does not take the value",
+            Self::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
+            Self::Busy => "other settings or the present state of the drive do not allow it",
+        })
+    }
+}
+
+impl core::error::Error for PresetError {}
 
 /// The sign that ends a message on a port.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -818,7 +785,7 @@ pub struct Shaft {
     pub ma: i32,
 }
 
-/// A drive, or any other device on a bench.
+/// A drive. What it turns is a [`Plant`](crate::motor::Plant).
 pub trait Device: Send {
     /// Description of this kind of device.
     fn spec(&self) -> &'static Spec;

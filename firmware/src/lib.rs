@@ -8,6 +8,7 @@
 //! | [`mdrive`] | MDrivePlus and MDrive Hybrid, stepper motors with Ethernet |
 //! | [`mdrobot`] | MDROBOT MD series, brushless motor controllers |
 //! | [`memory`] | saved registers and their CRC |
+//! | [`modbus_port`] | the serial Modbus port of a slave |
 //! | [`motion`] | plans: position and speed at any instant, and every step |
 //! | [`motor`] | simulated motors |
 //! | [`qsb`] | US Digital QSB, encoder adapter |
@@ -38,6 +39,7 @@ pub mod md3;
 pub mod mdrive;
 pub mod mdrobot;
 pub mod memory;
+pub mod modbus_port;
 pub mod motion;
 pub mod motor;
 pub mod qsb;

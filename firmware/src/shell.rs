@@ -795,8 +795,6 @@ impl<O: Outputs, const CHARACTERS: usize> Context for OutputState<O, CHARACTERS>
             Output::Step { axis, steps } => self.outputs.step(axis, steps),
             Output::CurrentLimit { axis, ma } => self.outputs.current(axis, ma),
             Output::Duty { axis, duty } => self.outputs.duty(axis, duty),
-            // Only motors put these outputs.
-            Output::MotorCurrent { .. } | Output::Motor { .. } | Output::Rotation { .. } => {}
             Output::Log(note) => log(note),
             Output::Message { port, link, bytes } => {
                 let sent = self.outputs.links().is_some_and(|links| links.send(port, link, bytes));

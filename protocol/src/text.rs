@@ -1,6 +1,6 @@
 //! Text lines, for drives with an ASCII protocol.
 
-use core::mem;
+use core::{fmt, mem};
 
 use heapless::Vec;
 
@@ -15,6 +15,17 @@ pub enum LineError {
     /// A character had a parity or framing error; the line has no text then.
     RxError,
 }
+
+impl fmt::Display for LineError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TooLong => "the line is too long",
+            Self::RxError => "a character was received with an error",
+        })
+    }
+}
+
+impl core::error::Error for LineError {}
 
 /// A complete text line, without the CR or LF that ended it.
 #[derive(Clone, PartialEq, Eq, Debug)]

@@ -6,6 +6,7 @@ machine is: instants come from the bench's own clock, and `PATIENCE` only ends a
 
 import json
 import os
+import pathlib
 import select
 import signal
 import socket
@@ -22,13 +23,16 @@ PATIENCE = 30.0
 
 
 class Drivetwin:
-    """A `drivetwin run` that is ready: of a drive, or of a bench file."""
+    """A `drivetwin run` that is ready: of a drive, or of a bench file. `program` is another one with the same commands,
+    built beside it."""
 
-    def __init__(self, *options, kind="md3"):
+    def __init__(self, *options, kind="md3", program=None):
         self.kind = kind
         self.log = tempfile.TemporaryFile()
+        place = pathlib.Path(os.environ["DRIVETWIN"])
+        place = place.with_name(program or place.name)
         self.process = subprocess.Popen(
-            [os.environ["DRIVETWIN"], "run", kind, "--json", *map(str, options)],
+            [str(place), "run", kind, "--json", *map(str, options)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=self.log,
@@ -137,8 +141,8 @@ def run():
     """Starts drives, and ends them with the test."""
     running = []
 
-    def start(*options, kind="md3"):
-        running.append(Drivetwin(*options, kind=kind))
+    def start(*options, kind="md3", program=None):
+        running.append(Drivetwin(*options, kind=kind, program=program))
         return running[-1]
 
     yield start

@@ -275,7 +275,7 @@ fn other_systems(sh: &Shell) -> Result<()> {
 /// built.
 pub(crate) fn build(sh: &Shell) -> Result<()> {
     let host = host();
-    Ok(cmd!(sh, "cargo build {host...} --test '*' --bin drivetwin").run()?)
+    Ok(cmd!(sh, "cargo build {host...} --test '*' --bin drivetwin --bin own-drive").run()?)
 }
 
 const MBPOLL: &str = "tests/foreign/test_mbpoll.py";

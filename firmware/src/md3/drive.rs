@@ -26,7 +26,7 @@ use super::registers::{
 };
 use super::startup::{Lights, Startup};
 use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
-use crate::device::{self, Context, Instant, Level, Output, PresetError, REPORTS_REASONS};
+use crate::device::{self, Context, Duration, Instant, Level, Output, PresetError, REPORTS_REASONS};
 use crate::memory::Save;
 
 /// State of the drive, from power-on to ready.
@@ -215,12 +215,12 @@ impl Drive {
         self.update_outputs(at, out);
     }
 
-    /// The last instant at which the drive receives nothing; `None` if the drive receives.
-    pub(super) fn deaf_until(&self) -> Option<Instant> {
+    /// Time from which the drive receives.
+    pub(super) fn receives_from(&self) -> Instant {
         match self.state {
-            State::Off => Some(Instant::NEVER),
-            State::Starting(startup) => Some(startup.ready),
-            State::Waking(_) | State::Ready => None,
+            State::Off => Instant::NEVER,
+            State::Starting(startup) => startup.ready + Duration::TICK,
+            State::Waking(_) | State::Ready => Instant::ZERO,
         }
     }
 

@@ -19,20 +19,21 @@ mod startup;
 #[cfg(test)]
 mod tests;
 
+use drivetwin_protocol::modbus::Frame;
 use drivetwin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
 use drivetwin_protocol::modbus::rtu::RtuReceiver;
-use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_rtu};
-use drivetwin_protocol::modbus::{DropReason, Frame};
+use drivetwin_protocol::modbus::server::{RequestHandler, Rules};
 use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::Drive;
 pub use self::registers::{Reg, line, motion_control};
 use self::registers::{Version, io_port};
 use crate::device::{
-    Axis, AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, reported,
+    Axis, AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level,
+    Line, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, reported,
 };
 use crate::memory;
+use crate::modbus_port::{ModbusPort, is_reception};
 
 const RS485: Port = Port(0);
 const AXIS: Axis = Axis(0);
@@ -140,7 +141,7 @@ static RULES: Rules = Rules {
 /// An MD3.
 #[derive(Clone, Debug)]
 pub struct Md3 {
-    receiver: RtuReceiver,
+    serial: ModbusPort<RtuReceiver>,
     drive: Drive,
 }
 
@@ -164,51 +165,28 @@ impl Md3 {
     }
 
     fn of(version: Version) -> Self {
-        Self { receiver: RtuReceiver::new(registers::FACTORY_LINE), drive: Drive::new(version) }
+        Self { serial: ModbusPort::new(RS485, registers::FACTORY_LINE), drive: Drive::new(version) }
     }
 
     /// Processes the received frame when it is complete.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
-        let character = self.receiver.timing().character;
-        let Some(frame) = self.receiver.take() else { return };
         self.drive.refresh();
         let setting = self.drive.serial_port();
         let unit = self.drive.address();
         let mut reply = Frame::new();
         let mut bus = Bus { drive: &mut self.drive, at, out };
-        let outcome = match frame {
-            Ok(frame) => serve_rtu(frame, unit, &RULES, &mut bus, &mut reply),
-            Err(why) => Outcome::Dropped(why),
-        };
-        out.put(at, Output::Log(LogEvent::of(RS485, outcome)));
-        if !reply.is_empty() {
-            out.put(at, Output::Bytes { port: RS485, bytes: &reply });
-        }
+        let Some(outcome) = self.serial.serve(unit, &RULES, &mut bus, &mut reply) else { return };
+        let end = self.serial.answer(at, Duration::ZERO, outcome, &mut reply, out);
         if self.drive.serial_port() != setting {
             // The reply still uses the old line settings; the next frame is received with the new ones
             // (MODBUS-5).
-            self.apply_line(at + character * reply.len() as u64, out);
+            self.serial.set_line(end.unwrap_or(at), self.line(), out);
         }
     }
 
-    /// Sets the serial line to what `SerialPortConfiguration` selects (7.22), from `from` on.
-    fn apply_line(&mut self, from: Instant, out: &mut dyn Context) {
-        let line = registers::line(self.drive.serial_port());
-        self.receiver.set_line(from, line);
-        out.put(from, Output::Line { port: RS485, line });
-    }
-
-    /// Receives characters. Characters that end before the drive starts to listen are lost.
-    fn on_bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
-        let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at <= *deaf_until) else {
-            self.receiver.bytes(at, bytes);
-            return;
-        };
-        let character = self.receiver.timing().character;
-        let missed = deaf_until.since(at) / character + 1;
-        let received = usize::try_from(missed).ok().and_then(|missed| bytes.get(missed..)).unwrap_or(&[]);
-        self.receiver.bytes(at + character * missed, received);
-        out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Starting }));
+    /// The settings of the serial line that `SerialPortConfiguration` selects (7.22).
+    fn line(&self) -> Line {
+        registers::line(self.drive.serial_port())
     }
 }
 
@@ -222,64 +200,48 @@ impl Device for Md3 {
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
-        self.receiver.clear();
-        self.apply_line(at, out);
+        self.serial.start(at, self.line(), self.drive.receives_from(), out);
     }
 
     fn power_off(&mut self) {
         self.drive.power_off();
+        self.serial.mute();
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
-        if character || matches!(input, Input::Idle { .. }) {
+        if is_reception(&input) {
             self.drive.wake(at, out);
-        }
-        if character && self.receiver.is_over(at) {
-            self.serve(at, out);
+            if self.serial.is_over(at) {
+                self.serve(at, out);
+            }
         }
         match input {
-            Input::Bytes { bytes, .. } => self.on_bytes(at, bytes, out),
-            Input::RxError { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at > deaf_until) => {
-                self.receiver.rx_error(at);
+            Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
+            Input::RxError { .. } => {
+                self.serial.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
             Input::Count { steps, a, b, .. } => self.drive.on_count(steps, a, b),
             Input::StepsCorrection { steps, .. } => self.drive.correct_steps(steps),
-            // The MD3 has no such ports and pins, and it sends plans and duties to its motor instead of
-            // receiving them.
-            Input::RxError { .. }
-            | Input::HostPresence { .. }
-            | Input::Opened { .. }
-            | Input::Message { .. }
-            | Input::Closed { .. }
-            | Input::Open { .. }
-            | Input::Millivolts { .. }
-            | Input::CurrentLimit { .. }
-            | Input::Duty { .. }
-            | Input::MotorCurrent { .. }
-            | Input::Motor { .. }
-            | Input::Rotation { .. }
-            | Input::Plan { .. }
-            | Input::Step { .. } => {}
+            _ => {}
         }
     }
 
     fn receives_from(&self) -> Instant {
-        self.drive.deaf_until().unwrap_or(Instant::ZERO)
+        self.serial.receives_from()
     }
 
     fn deadline(&self) -> Instant {
-        self.drive.deadline().min(self.receiver.deadline())
+        self.drive.deadline().min(self.serial.deadline())
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.drive.deadline() <= at {
             self.drive.timeout(at, out);
         }
-        if self.receiver.is_over(at) {
+        if self.serial.is_over(at) {
             self.serve(at, out);
         }
     }
@@ -299,7 +261,7 @@ impl Device for Md3 {
         let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, reg, value, out)?;
         if self.drive.serial_port() != setting {
-            self.apply_line(at, out);
+            self.serial.set_line(at, self.line(), out);
         }
         Ok(())
     }

@@ -234,23 +234,7 @@ impl Device for Mdrive {
             // and B.
             Input::Count { steps, a, b, .. } => drive.motion.count(at, steps, [a, b], out),
             Input::Fault { fault, on } => drive.set_fault(at, fault, on, out),
-            // Ignored: serial input, because there is no serial port; and inputs of an external motor, because
-            // the motor is internal. Without step pins no board makes pulses that could deviate.
-            Input::Opened { .. }
-            | Input::Closed { .. }
-            | Input::Bytes { .. }
-            | Input::RxError { .. }
-            | Input::Idle { .. }
-            | Input::Millivolts { .. }
-            | Input::HostPresence { .. }
-            | Input::CurrentLimit { .. }
-            | Input::Duty { .. }
-            | Input::MotorCurrent { .. }
-            | Input::Motor { .. }
-            | Input::Rotation { .. }
-            | Input::Plan { .. }
-            | Input::Step { .. }
-            | Input::StepsCorrection { .. } => {}
+            _ => {}
         }
         drive.dispatch_events(at, out);
     }

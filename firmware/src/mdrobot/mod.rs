@@ -17,21 +17,22 @@ mod startup;
 #[cfg(test)]
 mod tests;
 
+use drivetwin_protocol::modbus::Frame;
 use drivetwin_protocol::modbus::pdu::{
     Exception, READ_HOLDING_REGISTERS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_REGISTER,
 };
 use drivetwin_protocol::modbus::rtu::RtuReceiver;
-use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_rtu};
-use drivetwin_protocol::modbus::{DropReason, Frame};
+use drivetwin_protocol::modbus::server::{RequestHandler, Rules};
 use drivetwin_protocol::registers::Register;
 
 use self::drive::Drive;
 pub use self::registers::Pid;
 use crate::device::{
-    AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes, reported,
+    AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin,
+    PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes, reported,
 };
 use crate::memory;
+use crate::modbus_port::{ModbusPort, is_reception};
 use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
 
 const RS485: Port = Port(0);
@@ -165,7 +166,7 @@ pub fn mdrobot() -> DriveWithMotor<Mdrobot> {
 /// An MD400 without its motor.
 #[derive(Clone, Debug)]
 pub struct Mdrobot {
-    receiver: RtuReceiver,
+    serial: ModbusPort<RtuReceiver>,
     drive: Drive,
 }
 
@@ -173,36 +174,16 @@ impl Mdrobot {
     // Inlined, so that the value is built in place: a copy takes space on a board's stack.
     #[inline(always)]
     fn new() -> Self {
-        Self { receiver: RtuReceiver::new(registers::FACTORY_LINE), drive: Drive::new() }
+        Self { serial: ModbusPort::new(RS485, registers::FACTORY_LINE), drive: Drive::new() }
     }
 
     /// Processes the received frame when it is complete.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
-        let Some(frame) = self.receiver.take() else { return };
         let unit = self.drive.unit;
         let mut reply = Frame::new();
-        let mut map = Bus { drive: &mut self.drive, at, out };
-        let outcome = match frame {
-            Ok(frame) => serve_rtu(frame, unit, &RULES, &mut map, &mut reply),
-            Err(why) => Outcome::Dropped(why),
-        };
-        out.put(at, Output::Log(LogEvent::of(RS485, outcome)));
-        if !reply.is_empty() {
-            out.put(at, Output::Bytes { port: RS485, bytes: &reply });
-        }
-    }
-
-    /// Receives characters. Characters that end before the drive starts to listen are lost.
-    fn on_bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
-        let Some(deaf_until) = self.drive.deaf_until().filter(|deaf_until| at < *deaf_until) else {
-            self.receiver.bytes(at, bytes);
-            return;
-        };
-        let character = self.receiver.timing().character;
-        let lost = (deaf_until - Duration::TICK).since(at) / character + 1;
-        let heard = usize::try_from(lost).ok().and_then(|lost| bytes.get(lost..)).unwrap_or(&[]);
-        self.receiver.bytes(at + character * lost, heard);
-        out.put(at, Output::Log(LogEvent::Dropped { port: RS485, why: DropReason::Starting }));
+        let mut bus = Bus { drive: &mut self.drive, at, out };
+        let Some(outcome) = self.serial.serve(unit, &RULES, &mut bus, &mut reply) else { return };
+        self.serial.answer(at, Duration::ZERO, outcome, &mut reply, out);
     }
 }
 
@@ -226,28 +207,25 @@ impl Device for Mdrobot {
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
-        let line = self.drive.line();
-        self.receiver.clear();
-        self.receiver.set_line(at, line);
-        out.put(at, Output::Line { port: RS485, line });
+        self.serial.start(at, self.drive.line(), self.drive.receives_from(at), out);
     }
 
     fn power_off(&mut self) {
         self.drive.power_off();
+        self.serial.mute();
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
-        if character || matches!(input, Input::Idle { .. }) {
+        if is_reception(&input) {
             self.drive.wake(at, out);
-        }
-        if character && self.receiver.is_over(at) {
-            self.serve(at, out);
+            if self.serial.is_over(at) {
+                self.serve(at, out);
+            }
         }
         match input {
-            Input::Bytes { bytes, .. } => self.on_bytes(at, bytes, out),
-            Input::RxError { .. } if self.drive.deaf_until().is_none_or(|deaf_until| at >= deaf_until) => {
-                self.receiver.rx_error(at);
+            Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
+            Input::RxError { .. } => {
+                self.serial.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
@@ -257,37 +235,24 @@ impl Device for Mdrobot {
             Input::MotorCurrent { ma, .. } => self.drive.servo.draws(ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turned(at, rotation),
-            // The MD400 has no such ports and pins, and it sends the limit and the duty to its motor instead
-            // of receiving them.
-            Input::RxError { .. }
-            | Input::Millivolts { .. }
-            | Input::HostPresence { .. }
-            | Input::Opened { .. }
-            | Input::Message { .. }
-            | Input::Closed { .. }
-            | Input::Count { .. }
-            | Input::CurrentLimit { .. }
-            | Input::Duty { .. }
-            | Input::Plan { .. }
-            | Input::Step { .. }
-            | Input::StepsCorrection { .. } => {}
+            _ => {}
         }
         self.drive.check_alarms(at, out);
     }
 
     fn receives_from(&self) -> Instant {
-        self.drive.deaf_until().unwrap_or(Instant::ZERO)
+        self.serial.receives_from()
     }
 
     fn deadline(&self) -> Instant {
-        self.drive.deadline().min(self.receiver.deadline())
+        self.drive.deadline().min(self.serial.deadline())
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.drive.deadline() <= at {
             self.drive.timeout(at, out);
         }
-        if self.receiver.is_over(at) {
+        if self.serial.is_over(at) {
             self.serve(at, out);
         }
     }

@@ -14,12 +14,12 @@ impl Drive {
         self.state = State::Booting { due: if boot.fast { at } else { at + BOOT } };
     }
 
-    /// End of the time in which the drive receives nothing; `None` if the drive receives.
-    pub(super) fn deaf_until(&self) -> Option<Instant> {
+    /// Time from which the drive receives, after the power-on at `at`: with a delay the tick after its end.
+    pub(super) fn receives_from(&self, at: Instant) -> Instant {
         match self.state {
-            State::Off => Some(Instant::NEVER),
-            State::Booting { due } => Some(due),
-            State::Ready => None,
+            State::Off => Instant::NEVER,
+            State::Booting { due } if due > at => due + Duration::TICK,
+            State::Booting { .. } | State::Ready => Instant::ZERO,
         }
     }
 

@@ -1,6 +1,6 @@
 //! A drive and its motor as one device.
 
-use super::{AXIS, HALL_PINS, Motor, Parameters, Rotation};
+use super::{AXIS, Command, HALLS, Motor, Parameters, Plant, Report, Reports, Rotation, Sensor};
 use crate::device::{
     Axis, Boot, Context, Device, Duration, Fault, Input, Instant, Level, Output, Pin, PresetError, Shaft,
     Spec,
@@ -35,8 +35,8 @@ pub struct DriveWithMotor<D> {
     wires: Wires,
     /// Levels of the Hall sensors that the drive has received, and true for each wire that is pulled to
     /// ground from outside. The drive reads low on such a wire, whatever the sensor shows.
-    halls: [bool; HALL_PINS.len()],
-    pulled: [bool; HALL_PINS.len()],
+    halls: [bool; HALLS],
+    pulled: [bool; HALLS],
 }
 
 /// Signals under way between drive and motor. All of them were put at the same instant, because earlier ones
@@ -46,7 +46,7 @@ struct Wires {
     due: Instant,
     current: Option<u32>,
     duty: Option<i32>,
-    halls: [Option<bool>; HALL_PINS.len()],
+    halls: [Option<bool>; HALLS],
     draws: Option<i32>,
     rotation: Option<Rotation>,
     /// True if the motor's parameters have changed.
@@ -58,7 +58,7 @@ impl Wires {
         due: Instant::NEVER,
         current: None,
         duty: None,
-        halls: [None; HALL_PINS.len()],
+        halls: [None; HALLS],
         draws: None,
         rotation: None,
         other_motor: false,
@@ -88,34 +88,30 @@ impl Context for DriveOutputs<'_> {
     }
 }
 
-/// Receiver of the motor's outputs. All of them go to the drive; the Hall levels also go to the drive's pins.
-struct MotorOutputs<'a> {
+/// Receiver of the motor's reports. All of them go to the drive; the Hall levels also go to the drive's pins.
+struct MotorReports<'a> {
     wires: &'a mut Wires,
     halls: &'static [Pin],
     out: &'a mut dyn Context,
 }
 
-impl Context for MotorOutputs<'_> {
-    fn put(&mut self, at: Instant, output: Output<'_>) {
-        match output {
-            Output::MotorCurrent { ma, .. } => self.wires.draws = Some(ma),
-            Output::Rotation { rotation, .. } => self.wires.rotation = Some(rotation),
-            Output::Motor { .. } => self.wires.other_motor = true,
-            Output::Level { pin, level } => {
-                let Some(place) = HALL_PINS.iter().position(|hall| *hall == pin) else { return };
-                let Some(wire) = self.wires.halls.get_mut(place) else { return };
-                *wire = Some(level == Level::High);
-                if let Some(&pin) = self.halls.get(place) {
-                    self.out.put(at, Output::Level { pin, level });
+impl Reports for MotorReports<'_> {
+    fn report(&mut self, at: Instant, report: Report<'_>) {
+        match report {
+            Report::MotorCurrent(ma) => self.wires.draws = Some(ma),
+            Report::Rotation(rotation) => self.wires.rotation = Some(rotation),
+            Report::Motor(_) => self.wires.other_motor = true,
+            Report::Level(Sensor::Hall(hall), high) => {
+                let Some(wire) = self.wires.halls.get_mut(usize::from(hall)) else { return };
+                *wire = Some(high);
+                if let Some(&pin) = self.halls.get(usize::from(hall)) {
+                    self.out
+                        .put(at, Output::Level { pin, level: if high { Level::High } else { Level::Low } });
                 }
             }
-            _ => return,
+            Report::Level(..) => return,
         }
         self.wires.due = at + Duration::TICK;
-    }
-
-    fn memory(&self) -> &[u8] {
-        &[]
     }
 }
 
@@ -126,7 +122,7 @@ impl<D: MotorDrive> DriveWithMotor<D> {
     #[inline(always)]
     pub fn new(drive: D) -> Self {
         let motor = Motor::new(drive.motor());
-        let (halls, pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
+        let (halls, pulled) = ([true; HALLS], [false; HALLS]);
         Self { drive, is_detached: false, motor, wires: Wires::EMPTY, halls, pulled }
     }
 
@@ -137,15 +133,13 @@ impl<D: MotorDrive> DriveWithMotor<D> {
         }
         let wires = core::mem::replace(&mut self.wires, Wires::EMPTY);
         let Wires { current, duty, halls, draws, rotation, other_motor, .. } = wires;
-        let current = current.map(|ma| Input::CurrentLimit { axis: AXIS, ma });
-        let duty = duty.map(|duty| Input::Duty { axis: AXIS, duty });
-        for input in current.into_iter().chain(duty) {
-            self.with_motor(out, |motor, out| motor.input(at, input, out));
+        for command in current.map(Command::CurrentLimit).into_iter().chain(duty.map(Command::Duty)) {
+            self.with_motor(out, |motor, out| motor.command(at, command, out));
         }
         let parameters = *self.motor.parameters();
         let motor = other_motor.then_some(Input::Motor { axis: AXIS, parameters: &parameters });
         let rotation = rotation.map(|rotation| Input::Rotation { axis: AXIS, rotation });
-        let mut edges = [None; HALL_PINS.len()];
+        let mut edges = [None; HALLS];
         for (place, high) in halls.into_iter().enumerate() {
             let (Some(high), Some(level), Some(edge)) =
                 (high, self.halls.get_mut(place), edges.get_mut(place))
@@ -172,8 +166,8 @@ impl<D: MotorDrive> DriveWithMotor<D> {
         }
     }
 
-    fn with_motor(&mut self, out: &mut dyn Context, does: impl FnOnce(&mut Motor, &mut dyn Context)) {
-        does(&mut self.motor, &mut MotorOutputs { wires: &mut self.wires, halls: D::HALLS, out });
+    fn with_motor(&mut self, out: &mut dyn Context, does: impl FnOnce(&mut Motor, &mut dyn Reports)) {
+        does(&mut self.motor, &mut MotorReports { wires: &mut self.wires, halls: D::HALLS, out });
     }
 
     /// Calls the drive with `does`. If the drive's registers then describe another motor, changes the motor's
@@ -218,9 +212,9 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
     /// Switches the power on. The motor had no power since its last call and coasted until now.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.wires = Wires::EMPTY;
-        (self.halls, self.pulled) = ([true; HALL_PINS.len()], [false; HALL_PINS.len()]);
+        (self.halls, self.pulled) = ([true; HALLS], [false; HALLS]);
         if !self.is_detached {
-            self.with_motor(out, |motor, out| motor.power_on(at, boot, out));
+            self.with_motor(out, |motor, out| motor.power_on(at, out));
         }
         self.with_drive(at, out, |drive, out| drive.power_on(at, boot, out));
     }
@@ -236,16 +230,13 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
             // The shaft of a detached motor is blocked by that motor's own fault.
             Input::Fault { fault, .. } if D::STALL == Some(fault) && self.is_detached => {}
             Input::Fault { fault, on } if D::STALL == Some(fault) => {
-                let input = Input::Fault { fault: super::STALL, on };
-                self.with_motor(out, |motor, out| motor.input(at, input, out));
+                self.with_motor(out, |motor, out| motor.set_blocked(at, on, out));
             }
             Input::Edge { pin, high } if !self.is_detached && D::HALLS.contains(&pin) => {
                 self.pull(at, pin, !high, out);
             }
             // Signals between drive and motor do not come from outside.
-            Input::CurrentLimit { axis: AXIS, .. }
-            | Input::Duty { axis: AXIS, .. }
-            | Input::MotorCurrent { axis: AXIS, .. }
+            Input::MotorCurrent { axis: AXIS, .. }
             | Input::Motor { axis: AXIS, .. }
             | Input::Rotation { axis: AXIS, .. }
                 if !self.is_detached => {}
@@ -289,7 +280,7 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
     }
 
     fn shaft(&self, at: Instant, axis: Axis) -> Option<Shaft> {
-        if axis == AXIS && !self.is_detached { self.motor.shaft(at, axis) } else { None }
+        if axis == AXIS && !self.is_detached { self.motor.shaft(at) } else { None }
     }
 
     fn internal_motor(&self) -> Option<Parameters> {

@@ -1,7 +1,7 @@
 //! Simulated motors, and a drive together with its motor.
 //!
 //! A stepper motor follows the plans of its drive ([`stepper`]). Encoders and switches on a shaft read any
-//! kind of motor through [`Rotor`].
+//! kind of motor through [`Plant`].
 //!
 //! The motor in this file is a brush motor, or a brushless one, which its drive commutates as brushes would.
 //! Its winding has a resistance and no inductance. Its speed makes a voltage against the supply, its current
@@ -19,25 +19,24 @@ mod drive_with_motor;
 mod edges;
 mod feedback;
 mod interval;
+mod plant;
 mod rotation;
-mod rotor;
 mod sensor_track;
 pub mod stepper;
 #[cfg(test)]
 mod tests;
+
+use core::mem::replace;
 
 use self::constants::{Constants, Terminals};
 pub use self::drive_with_motor::{DriveWithMotor, MotorDrive};
 pub(crate) use self::edges::{Edges, SETTLE, scaled};
 pub(crate) use self::feedback::{ControlModel, FULL_DUTY, Feedback, NEAR, TICK, ratio};
 use self::interval::MotionInterval;
+pub use self::plant::{Command, Kinematics, Plant, Report, Reports, Sensor};
 pub use self::rotation::Rotation;
-pub use self::rotor::{Kinematics, Rotor};
 use self::sensor_track::SensorTrack;
-use crate::device::{
-    Axis, AxisSpec, Boot, Context, Device, Fault, Input, Instant, Level, Output, Pin, PinSpec, PresetError,
-    Role, Shaft, Spec,
-};
+use crate::device::{Axis, Instant, Shaft};
 
 /// The only axis of a motor, and of the drive with this motor.
 pub(crate) const AXIS: Axis = Axis(0);
@@ -124,11 +123,6 @@ impl Parameters {
         self.sensors() == 3
     }
 
-    /// The pins of the motor's Hall sensors.
-    fn hall_pins(&self) -> &'static [Pin] {
-        HALL_PINS.get(..self.sensors().into()).unwrap_or(HALL_PINS)
-    }
-
     /// State of the shaft of a motor with these parameters that turns as `rotation` says.
     #[must_use]
     pub fn shaft(&self, rotation: Rotation, duty: i32, ma: i32) -> Shaft {
@@ -143,42 +137,11 @@ impl Parameters {
     }
 }
 
-/// Hall sensor A. While the motor turns forward, A is ahead of B: by a quarter of a pulse with two sensors,
-/// by a third with three.
-pub const HALL_A: Pin = Pin(0);
-/// Hall sensor B. With three sensors it is a third of a pulse ahead of C.
-pub const HALL_B: Pin = Pin(1);
-/// Channel A of the encoder.
-pub const ENCODER_A: Pin = Pin(2);
-/// Channel B of the encoder, a quarter of a cycle behind A while the motor turns forward.
-pub const ENCODER_B: Pin = Pin(3);
-/// The encoder's index: high for a quarter of a cycle in each turn, while A and B are low.
-pub const ENCODER_I: Pin = Pin(4);
-/// Hall sensor C, of a motor with three sensors.
-pub const HALL_C: Pin = Pin(5);
+/// The largest number of Hall sensors of a motor.
+pub const HALLS: usize = 3;
 
-/// Pins of the Hall sensors, A first. A motor with two sensors uses A and B.
-pub const HALL_PINS: &[Pin] = &[HALL_A, HALL_B, HALL_C];
-const ENCODER_PINS: &[Pin] = &[ENCODER_A, ENCODER_B, ENCODER_I];
-
-/// Fault of a blocked shaft.
-pub const STALL: Fault = Fault(0);
-
-const fn sensor(name: &'static str) -> PinSpec {
-    PinSpec::new(name, Role::Output, Level::High)
-}
-
-static MOTOR: Spec = Spec {
-    kind: "motor",
-    product: "Motor with Hall sensors",
-    pins: &[sensor("HALL_A"), sensor("HALL_B"), sensor("A"), sensor("B"), sensor("I"), sensor("HALL_C")],
-    axes: &[AxisSpec { name: "motor", step_dir: None }],
-    faults: &["stall"],
-    ..Spec::EMPTY
-};
-
-/// A brush motor, or a brushless one. Its inputs are [`Input::CurrentLimit`] and [`Input::Duty`]. The axis in
-/// these inputs is ignored.
+/// A brush motor, or a brushless one. It ignores commands other than [`Command::CurrentLimit`] and
+/// [`Command::Duty`].
 #[derive(Clone, Debug)]
 pub struct Motor {
     parameters: Parameters,
@@ -230,14 +193,8 @@ impl Motor {
         &self.parameters
     }
 
-    /// Rotation of the shaft at `at`, which is not after the next deadline.
-    #[must_use]
-    pub fn rotation_at(&self, at: Instant) -> Rotation {
-        self.interval.at(at).rotation()
-    }
-
     /// Changes the parameters. The count of the Hall sensors and the speed of the shaft do not change.
-    pub fn set_parameters(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Context) {
+    pub fn set_parameters(&mut self, at: Instant, parameters: Parameters, out: &mut dyn Reports) {
         if parameters == self.parameters {
             return;
         }
@@ -248,28 +205,28 @@ impl Motor {
             now.angle = self.halls.middle();
         }
         if parameters.hall_sensors != before.hall_sensors {
-            self.halls.put_levels(at, None, parameters.hall_pins(), out);
+            self.halls.report(at, None, out);
         }
         if parameters.encoder_cycles != self.parameters.encoder_cycles {
             self.encoder = SensorTrack::encoder(parameters.encoder_cycles).moved_to(now.angle);
         }
         (self.parameters, self.constants) = (parameters, Constants::of(&parameters));
         self.interval = now;
-        out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
+        out.report(at, Report::Motor(&self.parameters));
         self.update(at, out);
     }
 
     /// Starts the next interval at `at`, with the state of the present one.
-    fn update(&mut self, at: Instant, out: &mut dyn Context) {
+    fn update(&mut self, at: Instant, out: &mut dyn Reports) {
         let ma = self.next_interval(at, self.terminals());
         if ma != self.ma {
             self.ma = ma;
-            out.put(at, Output::MotorCurrent { axis: AXIS, ma });
+            out.report(at, Report::MotorCurrent(ma));
         }
         let rotation = self.interval.rotation();
         if !self.is_reported(at, rotation) {
             self.reported = Some((at, rotation));
-            out.put(at, Output::Rotation { axis: AXIS, rotation });
+            out.report(at, Report::Rotation(rotation));
         }
     }
 
@@ -328,7 +285,60 @@ impl Motor {
     }
 }
 
-impl Rotor for Motor {
+impl Plant for Motor {
+    fn power_on(&mut self, at: Instant, out: &mut dyn Reports) {
+        self.coast(at);
+        self.blocked = false;
+        self.halls.report(at, None, out);
+        self.encoder.report(at, None, out);
+        self.reported = None;
+        out.report(at, Report::Motor(&self.parameters));
+        out.report(at, Report::MotorCurrent(self.ma));
+        self.update(at, out);
+    }
+
+    fn command(&mut self, at: Instant, command: Command<'_>, out: &mut dyn Reports) {
+        let changed = match command {
+            Command::CurrentLimit(ma) => replace(&mut self.limit_ma, ma) != ma,
+            Command::Duty(duty) => replace(&mut self.duty, duty) != duty,
+            _ => false,
+        };
+        if changed {
+            self.update(at, out);
+        }
+    }
+
+    fn set_blocked(&mut self, at: Instant, blocked: bool, out: &mut dyn Reports) {
+        if replace(&mut self.blocked, blocked) != blocked {
+            self.update(at, out);
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        self.due
+    }
+
+    fn timeout(&mut self, at: Instant, out: &mut dyn Reports) {
+        if at >= self.edge {
+            let angle = self.interval.at(at).angle;
+            for track in [&mut self.halls, &mut self.encoder] {
+                let before = *track;
+                track.step_towards(angle);
+                track.report(at, Some(before), out);
+            }
+            self.find_edge(at);
+        }
+        if at >= self.interval.end() {
+            self.update(at, out);
+        }
+    }
+
+    fn repeat_reports(&self, at: Instant, out: &mut dyn Reports) {
+        out.report(at, Report::Motor(&self.parameters));
+        out.report(at, Report::Rotation(self.interval.at(at).rotation()));
+        out.report(at, Report::MotorCurrent(self.ma));
+    }
+
     fn until(&self) -> Instant {
         self.interval.end()
     }
@@ -348,77 +358,12 @@ impl Rotor for Motor {
     fn draws_ma(&self) -> i32 {
         self.ma
     }
-}
 
-impl Device for Motor {
-    fn spec(&self) -> &'static Spec {
-        &MOTOR
-    }
-
-    /// Switches the power of the sensors on. The motion of the shaft continues.
-    fn power_on(&mut self, at: Instant, _boot: Boot, out: &mut dyn Context) {
-        self.coast(at);
-        self.blocked = false;
-        self.halls.put_levels(at, None, self.parameters.hall_pins(), out);
-        self.encoder.put_levels(at, None, ENCODER_PINS, out);
-        self.reported = None;
-        out.put(at, Output::Motor { axis: AXIS, parameters: &self.parameters });
-        out.put(at, Output::MotorCurrent { axis: AXIS, ma: self.ma });
-        self.update(at, out);
-    }
-
-    fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        let setting = match input {
-            Input::CurrentLimit { ma, .. } => (ma, self.duty, self.blocked),
-            Input::Duty { duty, .. } => (self.limit_ma, duty, self.blocked),
-            Input::Fault { fault: STALL, on } => (self.limit_ma, self.duty, on),
-            _ => return,
-        };
-        if setting != (self.limit_ma, self.duty, self.blocked) {
-            (self.limit_ma, self.duty, self.blocked) = setting;
-            self.update(at, out);
-        }
-    }
-
-    fn deadline(&self) -> Instant {
-        self.due
-    }
-
-    fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if at >= self.edge {
-            let angle = self.interval.at(at).angle;
-            let hall_pins = self.parameters.hall_pins();
-            for (track, pins) in [(&mut self.halls, hall_pins), (&mut self.encoder, ENCODER_PINS)] {
-                let before = *track;
-                track.step_towards(angle);
-                track.put_levels(at, Some(before), pins, out);
-            }
-            self.find_edge(at);
-        }
-        if at >= self.interval.end() {
-            self.update(at, out);
-        }
-    }
-
-    fn peek(&self, _at: Instant, _row: usize) -> i64 {
-        0
-    }
-
-    fn poke(
-        &mut self,
-        _at: Instant,
-        _row: usize,
-        _value: i64,
-        _out: &mut dyn Context,
-    ) -> Result<(), PresetError> {
-        Err(PresetError::NoSuchRegister)
-    }
-
-    fn shaft(&self, at: Instant, _axis: Axis) -> Option<Shaft> {
+    fn shaft(&self, at: Instant) -> Option<Shaft> {
         if at > self.interval.end() {
             let mut later = self.clone();
             later.coast(at);
-            return later.shaft(at, AXIS);
+            return later.shaft(at);
         }
         let duty = if self.limit_ma > 0 { self.duty } else { 0 };
         Some(self.parameters.shaft(self.interval.at(at).rotation(), duty, self.ma))

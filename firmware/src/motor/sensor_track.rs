@@ -3,9 +3,12 @@
 
 use fixed::types::I48F16;
 
-use super::{MotionInterval, Parameters};
-use crate::device::{Context, Duration, Instant, Level, Output, Pin};
+use super::{MotionInterval, Parameters, Report, Reports, Sensor};
+use crate::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
+
+const HALLS: [Sensor; super::HALLS] = [Sensor::Hall(0), Sensor::Hall(1), Sensor::Hall(2)];
+const ENCODER: [Sensor; 3] = [Sensor::EncoderA, Sensor::EncoderB, Sensor::Index];
 
 /// Sensors on a shaft. A count lasts from an edge of any sensor to the next edge of any sensor. A period has
 /// four or six counts.
@@ -16,6 +19,8 @@ use drivetwin_protocol::time::TICKS_PER_SECOND;
 pub(super) struct SensorTrack {
     /// Counts per turn; 0 if there are no sensors.
     counts: u32,
+    /// The sensors, and the index of an encoder.
+    sensors: &'static [Sensor],
     /// True with three sensors, false with two.
     three: bool,
     /// The count that the sensors show.
@@ -25,7 +30,7 @@ pub(super) struct SensorTrack {
 impl SensorTrack {
     /// Channels A and B of an encoder with `cycles` cycles per turn, at count 0.
     pub(super) fn encoder(cycles: u16) -> Self {
-        Self { counts: 4 * u32::from(cycles), three: false, at: 0 }
+        Self { counts: 4 * u32::from(cycles), sensors: &ENCODER, three: false, at: 0 }
     }
 
     /// The Hall sensors of a motor, at count 0.
@@ -33,6 +38,7 @@ impl SensorTrack {
         let sensors = parameters.sensors();
         Self {
             counts: 2 * u32::from(sensors) * u32::from(parameters.pulses()),
+            sensors: HALLS.get(..sensors.into()).unwrap_or(&HALLS),
             three: parameters.is_brushless(),
             at: 0,
         }
@@ -90,15 +96,16 @@ impl SensorTrack {
         self.at = self.at.wrapping_add(self.count(angle).wrapping_sub(self.at).signum());
     }
 
-    /// Outputs the levels that differ from those of `before`, or all levels if `before` is `None`. `pins` holds the
-    /// pins in this order: sensor A, sensor B, and sensor C or, if there is no sensor C, the index. The index is high
-    /// in the third count of every turn, when A and B are low.
-    pub(super) fn put_levels(self, at: Instant, before: Option<Self>, pins: &[Pin], out: &mut dyn Context) {
+    /// Reports the levels that differ from those of `before`, or all levels if `before` is `None`. The index is high in
+    /// the third count of every turn, when A and B are low.
+    pub(super) fn report(self, at: Instant, before: Option<Self>, out: &mut dyn Reports) {
+        if self.counts == 0 {
+            return;
+        }
         let before = before.map(Self::levels);
-        let levels = self.levels().into_iter().enumerate();
-        for ((place, high), &pin) in levels.zip(pins).filter(|_| self.counts > 0) {
+        for (&sensor, (place, high)) in self.sensors.iter().zip(self.levels().into_iter().enumerate()) {
             if before.and_then(|before| before.get(place).copied()) != Some(high) {
-                out.put(at, Output::Level { pin, level: if high { Level::High } else { Level::Low } });
+                out.report(at, Report::Level(sensor, high));
             }
         }
     }

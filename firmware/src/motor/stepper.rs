@@ -27,8 +27,8 @@
 //! All positions are phases of a plan, in which a step of the drive has `STEP` units. Only the displayed
 //! angle is rounded, and the origin when the size of a step changes.
 
-use super::{Kinematics, Rotor, STALL};
-use crate::device::{AxisSpec, Boot, Context, Device, Duration, Input, Instant, Plan, PresetError, Spec};
+use super::{Command, Kinematics, Plant, Reports};
+use crate::device::{Duration, Instant, Plan};
 use crate::motion::STEP;
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
@@ -119,14 +119,6 @@ impl StepperParameters {
         }
     }
 }
-
-static STEPPER: Spec = Spec {
-    kind: "stepper",
-    product: "Stepper motor",
-    axes: &[AxisSpec { name: "motor", step_dir: None }],
-    faults: &["stall"],
-    ..Spec::EMPTY
-};
 
 /// Motion of the shaft from an instant on. The shaft does not reverse inside an interval.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -615,7 +607,48 @@ impl Field {
     }
 }
 
-impl Rotor for StepperMotor {
+impl Plant for StepperMotor {
+    /// Does nothing. The shaft stays where it is.
+    fn power_on(&mut self, _at: Instant, _out: &mut dyn Reports) {}
+
+    fn command(&mut self, at: Instant, command: Command<'_>, _out: &mut dyn Reports) {
+        let mut within = CATCH_UP;
+        match command {
+            Command::Plan(plan) => {
+                self.move_field(at);
+                (self.plan, self.planned) = (*plan, plan.position_at(at));
+            }
+            Command::Step(steps) => {
+                self.move_field(at);
+                self.field += i64::from(steps);
+                within = within.min(at.since(self.stepped)).max(Duration::TICK);
+                self.stepped = at;
+                if self.is_loose {
+                    self.catch_up_until = at + within;
+                }
+            }
+            Command::CurrentLimit(ma) => self.current_ma = Some(ma),
+            Command::Microsteps(microsteps) => return self.set_microsteps(at, microsteps),
+            Command::Duty(_) => return,
+        }
+        self.next_interval(at, within);
+    }
+
+    fn set_blocked(&mut self, at: Instant, blocked: bool, _out: &mut dyn Reports) {
+        self.blocked = blocked;
+        self.next_interval(at, CATCH_UP);
+    }
+
+    fn deadline(&self) -> Instant {
+        self.interval.end
+    }
+
+    fn timeout(&mut self, at: Instant, _out: &mut dyn Reports) {
+        if at >= self.interval.end {
+            self.next_interval(at, CATCH_UP);
+        }
+    }
+
     fn until(&self) -> Instant {
         self.interval.end
     }
@@ -641,62 +674,6 @@ impl Rotor for StepperMotor {
 
     fn draws_ma(&self) -> i32 {
         self.current_ma.map_or(0, |ma| i32::try_from(ma).unwrap_or(i32::MAX))
-    }
-}
-
-impl Device for StepperMotor {
-    fn spec(&self) -> &'static Spec {
-        &STEPPER
-    }
-
-    /// Does nothing. The shaft stays where it is.
-    fn power_on(&mut self, _at: Instant, _boot: Boot, _out: &mut dyn Context) {}
-
-    fn input(&mut self, at: Instant, input: Input<'_>, _out: &mut dyn Context) {
-        let mut within = CATCH_UP;
-        match input {
-            Input::Plan { plan, .. } => {
-                self.move_field(at);
-                (self.plan, self.planned) = (*plan, plan.position_at(at));
-            }
-            Input::Step { steps, .. } => {
-                self.move_field(at);
-                self.field += i64::from(steps);
-                within = within.min(at.since(self.stepped)).max(Duration::TICK);
-                self.stepped = at;
-                if self.is_loose {
-                    self.catch_up_until = at + within;
-                }
-            }
-            Input::CurrentLimit { ma, .. } => self.current_ma = Some(ma),
-            Input::Fault { fault: STALL, on } => self.blocked = on,
-            _ => return,
-        }
-        self.next_interval(at, within);
-    }
-
-    fn deadline(&self) -> Instant {
-        self.interval.end
-    }
-
-    fn timeout(&mut self, at: Instant, _out: &mut dyn Context) {
-        if at >= self.interval.end {
-            self.next_interval(at, CATCH_UP);
-        }
-    }
-
-    fn peek(&self, _at: Instant, _row: usize) -> i64 {
-        0
-    }
-
-    fn poke(
-        &mut self,
-        _at: Instant,
-        _row: usize,
-        _value: i64,
-        _out: &mut dyn Context,
-    ) -> Result<(), PresetError> {
-        Err(PresetError::NoSuchRegister)
     }
 }
 

@@ -9,7 +9,6 @@ mod errors;
 mod fields;
 mod inputs;
 mod motion;
-mod port;
 pub mod program;
 mod reasons;
 mod registers;
@@ -20,23 +19,23 @@ mod startup;
 mod tests;
 mod thermal;
 
-use drivetwin_protocol::modbus::Frame;
 use drivetwin_protocol::modbus::pdu::{
     Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
     WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL, WRITE_SINGLE_REGISTER,
 };
-use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_serial};
+use drivetwin_protocol::modbus::server::{RequestHandler, Rules};
+use drivetwin_protocol::modbus::{Frame, RtuOrAscii};
 use drivetwin_protocol::registers::{Entries, Register, Table};
 
 use self::drive::Drive;
-use self::port::Serial;
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, LogEvent, Output, Pin,
-    PinSpec, Port, PortSpec, PresetError, REPORTS_REASONS, Role, Spec, reported,
+    AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
+    PortSpec, PresetError, REPORTS_REASONS, Role, Spec, reported,
 };
 use crate::memory;
+use crate::modbus_port::{ModbusPort, is_reception};
 use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
 
 const RS485: Port = Port(0);
@@ -175,7 +174,7 @@ struct BusSettings {
 /// An RS 434544 or 434546, without a motor.
 #[derive(Clone, Debug)]
 pub struct Rs434 {
-    serial: Serial,
+    serial: ModbusPort<RtuOrAscii>,
     /// Bus settings; `None` until the time is known from which the drive receives.
     manners: Option<BusSettings>,
     drive: Drive,
@@ -188,7 +187,7 @@ impl Rs434 {
     #[inline(always)]
     fn of(model: Model) -> Self {
         Self {
-            serial: Serial::new(registers::FACTORY_LINE),
+            serial: ModbusPort::new(RS485, registers::FACTORY_LINE),
             manners: None,
             drive: Drive::new(model),
             due: Instant::NEVER,
@@ -209,7 +208,7 @@ impl Rs434 {
         if self.manners.is_none()
             && let Some(from) = self.drive.receives_from()
         {
-            self.serial.power_on(at, self.drive.line(), from, out);
+            self.serial.start(at, self.drive.line(), from, out);
             self.manners = Some(BusSettings { unit: self.drive.unit(), delay: self.drive.reply_delay() });
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
@@ -233,21 +232,12 @@ impl Rs434 {
     /// Serves a message that has ended.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let Self { serial, manners: Some(manners), drive, .. } = self else { return };
-        let Some(message) = serial.take() else { return };
         let mut reply = Frame::new();
-        let outcome = match message {
-            Ok(body) => {
-                let mut map = Bus { drive, at, out, has_applied_coils: false };
-                serve_serial(body, manners.unit, &RULES, &mut map, &mut reply)
-            }
-            Err(why) => Outcome::Dropped(why),
-        };
-        out.put(at, Output::Log(LogEvent::of(RS485, outcome)));
-        if !reply.is_empty() {
-            let end = serial.reply(at, manners.delay, &reply, out);
-            if drive.restart_after(end) {
-                serial.mute();
-            }
+        let mut bus = Bus { drive, at, out, has_applied_coils: false };
+        let Some(outcome) = serial.serve(manners.unit, &RULES, &mut bus, &mut reply) else { return };
+        let end = serial.answer(at, manners.delay, outcome, &mut reply, out);
+        if end.is_some_and(|end| drive.restart_after(end)) {
+            serial.mute();
         }
     }
 }
@@ -283,18 +273,18 @@ impl Device for Rs434 {
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        let character = matches!(input, Input::Bytes { .. } | Input::RxError { .. });
-        if character || matches!(input, Input::Idle { .. }) {
+        if is_reception(&input) {
             self.drive.wake(at, out);
             self.after_event(at, out);
-        }
-        if character && self.serial.is_over(at) {
-            self.serve(at, out);
+            if self.serial.is_over(at) {
+                self.serve(at, out);
+            }
         }
         match input {
             Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
             Input::RxError { .. } => {
-                if self.serial.rx_error(at) {
+                let is_receiving = self.serial.rx_error(at);
+                if is_receiving {
                     self.drive.rx_error();
                 }
             }
@@ -304,19 +294,7 @@ impl Device for Rs434 {
             Input::MotorCurrent { ma, .. } => self.drive.draws(at, ma),
             Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
             Input::Rotation { rotation, .. } => self.drive.servo.turns(at, rotation),
-            // The drive has no such ports and inputs. Inputs of the motor are outputs of the drive.
-            Input::HostPresence { .. }
-            | Input::Opened { .. }
-            | Input::Message { .. }
-            | Input::Closed { .. }
-            | Input::Open { .. }
-            | Input::Millivolts { .. }
-            | Input::Count { .. }
-            | Input::CurrentLimit { .. }
-            | Input::Duty { .. }
-            | Input::Plan { .. }
-            | Input::Step { .. }
-            | Input::StepsCorrection { .. } => {}
+            _ => {}
         }
         self.after_event(at, out);
     }

@@ -3,10 +3,7 @@
 use std::vec::Vec;
 
 use super::{new_memory, store};
-use crate::device::{
-    Axis, Context, Duration, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port, Rotation,
-};
-use crate::motor::Parameters;
+use crate::device::{Axis, Context, Duration, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port};
 
 /// Treatment of an output by a [`Recorder`].
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -54,12 +51,6 @@ pub struct Recorder {
     pub currents: Vec<(Instant, Axis, u32)>,
     /// Records of [`Output::Duty`], in 1/65536.
     pub duties: Vec<(Instant, Axis, i32)>,
-    /// Records of [`Output::MotorCurrent`], in mA.
-    pub draws: Vec<(Instant, Axis, i32)>,
-    /// Records of [`Output::Motor`].
-    pub motors: Vec<(Instant, Axis, Parameters)>,
-    /// Records of [`Output::Rotation`].
-    pub rotations: Vec<(Instant, Axis, Rotation)>,
     /// Records of [`Output::Store`]: offset and bytes, also bytes that were not written because power was
     /// lost.
     pub stores: Vec<(Instant, u16, Vec<u8>)>,
@@ -100,9 +91,6 @@ impl Recorder {
             steps: Vec::new(),
             currents: Vec::new(),
             duties: Vec::new(),
-            draws: Vec::new(),
-            motors: Vec::new(),
-            rotations: Vec::new(),
             stores: Vec::new(),
             notes: Vec::new(),
             beside: 0,
@@ -195,9 +183,6 @@ impl Context for Recorder {
             }
             Output::CurrentLimit { axis, ma } => self.currents.push((at, axis, ma)),
             Output::Duty { axis, duty } => self.duties.push((at, axis, duty)),
-            Output::MotorCurrent { axis, ma } => self.draws.push((at, axis, ma)),
-            Output::Motor { axis, parameters } => self.motors.push((at, axis, *parameters)),
-            Output::Rotation { axis, rotation } => self.rotations.push((at, axis, rotation)),
             Output::Store { offset, bytes } => self.stores.push((at, offset, bytes.to_vec())),
             Output::Log(note) => self.notes.push((at, note)),
         }

@@ -7,9 +7,8 @@ use drivetwin_protocol::registers::Register;
 use super::{Fixture, Recorder, Transcript, Treatment};
 use crate::device::{
     Axis, Boot, Context, Device, DropReason, Duration, Encoder, Input, Instant, Level, Link, LogEvent,
-    Output, Pin, Plan, Port, PresetError, Rotation, Spec,
+    Output, Pin, Plan, Port, PresetError, Spec,
 };
-use crate::motor::Parameters;
 
 const AT: Instant = Instant::from_ticks(5);
 const LATER: Instant = Instant::from_ticks(7);
@@ -20,7 +19,6 @@ const NOTE: LogEvent = LogEvent::Dropped { port: Port(1), why: DropReason::Crc }
 fn put_all(out: &mut dyn Context) {
     let (axis, pin, port, link) = (Axis(0), Pin(3), Port(1), Link(2));
     let plan = Plan::at_rest(AT, 40);
-    let rotation = Rotation { angle: 1, speed: 2, acceleration: 3 };
     for output in [
         Output::Bytes { port, bytes: &[1, 2] },
         Output::Message { port, link, bytes: &[3] },
@@ -32,9 +30,6 @@ fn put_all(out: &mut dyn Context) {
         Output::Step { axis, steps: -4 },
         Output::CurrentLimit { axis, ma: 500 },
         Output::Duty { axis, duty: -600 },
-        Output::MotorCurrent { axis, ma: 700 },
-        Output::Motor { axis, parameters: &Parameters::NOMINAL },
-        Output::Rotation { axis, rotation },
         Output::Store { offset: 1, bytes: &[8, 9] },
         Output::Log(NOTE),
     ] {
@@ -61,9 +56,6 @@ fn a_recorder_keeps_each_kind() {
     assert_eq!(out.steps, [(AT, axis, -4)]);
     assert_eq!(out.currents, [(AT, axis, 500)]);
     assert_eq!(out.duties, [(AT, axis, -600)]);
-    assert_eq!(out.draws, [(AT, axis, 700)]);
-    assert_eq!(out.motors, [(AT, axis, Parameters::NOMINAL)]);
-    assert_eq!(out.rotations, [(AT, axis, Rotation { angle: 1, speed: 2, acceleration: 3 })]);
     assert_eq!(out.stores, [(AT, 1, vec![8, 9])]);
     assert_eq!(out.stored(), [(AT, 1, 2)]);
     assert_eq!((&out.notes[..], &out.noted()[..]), (&[(AT, NOTE)][..], &[NOTE][..]));
@@ -144,9 +136,9 @@ fn a_transcript_keeps_the_order() {
             out = out.without_notes();
         }
         put_all(&mut out);
-        assert_eq!(out.outputs.len(), if without_notes { 14 } else { 15 });
+        assert_eq!(out.outputs.len(), if without_notes { 11 } else { 12 });
         assert_eq!(out.outputs[0], "5 Bytes { port: Port(1), bytes: [1, 2] }");
-        assert!(out.outputs[14 - usize::from(without_notes)].starts_with(if without_notes {
+        assert!(out.outputs[11 - usize::from(without_notes)].starts_with(if without_notes {
             "5 Store"
         } else {
             "5 Log"

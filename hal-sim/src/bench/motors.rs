@@ -6,10 +6,8 @@
 
 use std::collections::VecDeque;
 
-use drivetwin_firmware::device::{
-    Axis, Boot, Context, Duration, Fault, Input, Instant, Level, Output, Pin, Rotation, Shaft,
-};
-use drivetwin_firmware::motor::{self, HALL_PINS, Kinematics, Rotor, STALL, stepper};
+use drivetwin_firmware::device::{Axis, Duration, Fault, Instant, Level, Pin, Rotation, Shaft};
+use drivetwin_firmware::motor::{self, Command, HALLS, Kinematics, Plant, Report, Reports, stepper};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::events::EventKind;
@@ -62,7 +60,7 @@ pub(super) const TURN: f64 = (1_u64 << 32) as f64;
 pub(super) struct MotorSlot {
     name: String,
     drive: (DriveId, Axis),
-    machine: Machine,
+    plant: Box<dyn Plant>,
     /// Present motion.
     kinematics: Kinematics,
     /// Angle of the shaft when the motor was attached.
@@ -80,54 +78,25 @@ pub(super) struct MotorSlot {
     number: u32,
 }
 
-enum Machine {
-    Stepper(Box<stepper::StepperMotor>),
-    Brush(Box<motor::Motor>),
-}
-
-impl Machine {
-    fn rotor(&self) -> &dyn Rotor {
-        match self {
-            Self::Stepper(stepper) => &**stepper,
-            Self::Brush(motor) => &**motor,
+fn apply(plant: &mut dyn Plant, at: Instant, command: &MotorCommand, out: &mut MotorReports) {
+    let command = match command {
+        // A command that arrives one tick late is also executed one tick late.
+        MotorCommand::Plan(at_drive) => {
+            return plant.command(at, Command::Plan(&at_drive.delayed(Duration::TICK)), out);
         }
-    }
-
-    fn rotor_mut(&mut self) -> &mut dyn Rotor {
-        match self {
-            Self::Stepper(stepper) => &mut **stepper,
-            Self::Brush(motor) => &mut **motor,
-        }
-    }
-
-    fn apply(&mut self, at: Instant, command: &MotorCommand, out: &mut MotorReports) {
-        const AXIS: Axis = Axis(0);
-        let plan;
-        let input = match *command {
-            MotorCommand::Plan(at_drive) => {
-                // A command that arrives one tick late is also executed one tick late.
-                plan = at_drive.delayed(Duration::TICK);
-                Input::Plan { axis: AXIS, plan: &plan }
-            }
-            MotorCommand::Microsteps(microsteps) => {
-                if let Self::Stepper(stepper) = self {
-                    stepper.set_microsteps(at, microsteps);
-                }
-                return;
-            }
-            MotorCommand::Steps(steps) => Input::Step { axis: AXIS, steps },
-            MotorCommand::Current(ma) => Input::CurrentLimit { axis: AXIS, ma },
-            MotorCommand::Duty(duty) => Input::Duty { axis: AXIS, duty },
-            MotorCommand::Blocked(on) => Input::Fault { fault: STALL, on },
-        };
-        self.rotor_mut().input(at, input, out);
-    }
+        MotorCommand::Blocked(blocked) => return plant.set_blocked(at, *blocked, out),
+        MotorCommand::Microsteps(microsteps) => Command::Microsteps(*microsteps),
+        MotorCommand::Steps(steps) => Command::Step(*steps),
+        MotorCommand::Current(ma) => Command::CurrentLimit(*ma),
+        MotorCommand::Duty(duty) => Command::Duty(*duty),
+    };
+    plant.command(at, command, out);
 }
 
 /// Reports of a motor that its drive has not received yet.
 #[derive(Default)]
 struct MotorReports {
-    halls: [Option<Level>; HALL_PINS.len()],
+    halls: [Option<Level>; HALLS],
     draws: Option<i32>,
     motor: Option<Box<motor::Parameters>>,
     rotation: Option<Rotation>,
@@ -144,23 +113,35 @@ impl MotorReports {
     }
 }
 
-impl Context for MotorReports {
-    fn put(&mut self, _at: Instant, output: Output<'_>) {
-        match output {
-            Output::Level { pin, level } => {
-                if let Some(hall) = HALL_PINS.iter().position(|hall| *hall == pin) {
-                    self.halls[hall] = Some(level);
-                }
+impl Reports for MotorReports {
+    fn report(&mut self, _at: Instant, report: Report<'_>) {
+        match report {
+            Report::Level(motor::Sensor::Hall(hall), high) => {
+                self.halls[usize::from(hall)] = Some(if high { Level::High } else { Level::Low });
             }
-            Output::MotorCurrent { ma, .. } => self.draws = Some(ma),
-            Output::Motor { parameters, .. } => self.motor = Some(Box::new(*parameters)),
-            Output::Rotation { rotation, .. } => self.rotation = Some(rotation),
-            _ => {}
+            Report::Level(..) => {}
+            Report::MotorCurrent(ma) => self.draws = Some(ma),
+            Report::Motor(parameters) => self.motor = Some(Box::new(*parameters)),
+            Report::Rotation(rotation) => self.rotation = Some(rotation),
         }
     }
+}
 
-    fn memory(&self) -> &[u8] {
-        &[]
+/// The reports of a motor as inputs of its drive.
+struct Inputs<'a> {
+    axis: Axis,
+    inputs: &'a mut Vec<InputRecord>,
+}
+
+impl Reports for Inputs<'_> {
+    fn report(&mut self, _at: Instant, report: Report<'_>) {
+        let axis = self.axis;
+        self.inputs.push(match report {
+            Report::Level(..) => return,
+            Report::MotorCurrent(ma) => InputRecord::MotorCurrent { axis, ma },
+            Report::Motor(parameters) => InputRecord::Motor { axis, parameters: Box::new(*parameters) },
+            Report::Rotation(rotation) => InputRecord::Rotation { axis, rotation },
+        });
     }
 }
 
@@ -194,10 +175,10 @@ impl Bench {
         }
         let halls = self.at(drive).halls;
         let either = self.spec(drive).dc_motor.is_some();
-        let machine = match (is, halls) {
-            (MotorModel::Stepper(is), None) => Machine::Stepper(Box::new(stepper::StepperMotor::new(is))),
-            (MotorModel::Brush(is), None) if either => Machine::Brush(Box::new(motor::Motor::new(is))),
-            (MotorModel::Brush(is), Some(_)) => Machine::Brush(Box::new(motor::Motor::new(is))),
+        let plant: Box<dyn Plant> = match (is, halls) {
+            (MotorModel::Stepper(is), None) => Box::new(stepper::StepperMotor::new(is)),
+            (MotorModel::Brush(is), None) if either => Box::new(motor::Motor::new(is)),
+            (MotorModel::Brush(is), Some(_)) => Box::new(motor::Motor::new(is)),
             (MotorModel::Stepper(_), Some(_)) => {
                 return Err(format!("{of} turns a brush motor, and {name} is a stepper motor"));
             }
@@ -217,8 +198,8 @@ impl Bench {
             name: name.to_owned(),
             drive: (drive, axis),
             began: 0,
-            kinematics: machine.rotor().kinematics(),
-            machine,
+            kinematics: plant.kinematics(),
+            plant,
             microsteps: 1,
             inbox: VecDeque::new(),
             halls,
@@ -228,9 +209,8 @@ impl Bench {
             number: 0,
         };
         let now = self.now;
-        let rotor = motor.machine.rotor_mut();
-        rotor.power_on(now, Boot::default(), &mut motor.reports);
-        (motor.began, motor.kinematics) = (rotor.angle_at(now), rotor.kinematics());
+        motor.plant.power_on(now, &mut motor.reports);
+        (motor.began, motor.kinematics) = (motor.plant.angle_at(now), motor.plant.kinematics());
         let arrives = now + Duration::TICK;
         motor.microsteps = self.at(drive).microsteps(axis);
         let mut commands = self.at_mut(drive).turns(axis, index);
@@ -257,11 +237,11 @@ impl Bench {
     /// instant receives the first level as its initial level, without an edge.
     pub(super) fn add_sensor(&mut self, motor: Motor, to: (DriveId, Pin), kind: SensorKind) {
         let (now, key) = (self.now, (self.name(to.0).to_owned(), to.1));
-        let MotorSlot { machine, kinematics, sensors, began, .. } = &mut self.motors[motor.0 as usize];
+        let MotorSlot { plant, kinematics, sensors, began, .. } = &mut self.motors[motor.0 as usize];
         let mut sensor = Sensor::new(key, kind, *began);
-        sensor.predict(machine.rotor(), kinematics, now);
+        sensor.predict(&**plant, kinematics, now);
         let shown = sensor.take_change();
-        sensor.predict(machine.rotor(), kinematics, now);
+        sensor.predict(&**plant, kinematics, now);
         let index = sensors.partition_point(|other| other.key <= sensor.key);
         sensors.insert(index, sensor);
         for (wire, level) in shown.into_iter().flatten() {
@@ -291,19 +271,18 @@ impl Bench {
     #[must_use]
     pub fn turn(&self, motor: Motor) -> ShaftState {
         let MotorSlot {
-            machine,
+            plant,
             kinematics: Kinematics { since, half_speed, half_acceleration, turn, .. },
             began,
             ..
         } = &self.motors[motor.0 as usize];
-        let rotor = machine.rotor();
         let speed =
             2.0 * (*half_speed as f64 + *half_acceleration as f64 * self.now.since(*since).ticks() as f64);
         ShaftState {
-            revolutions: rotor.angle_at(self.now).wrapping_sub(*began) as f64 / TURN,
+            revolutions: plant.angle_at(self.now).wrapping_sub(*began) as f64 / TURN,
             rpm: speed / *turn as f64 * (60 * TICKS_PER_SECOND) as f64,
-            stalled: rotor.stalled(),
-            ma: rotor.draws_ma(),
+            stalled: plant.stalled(),
+            ma: plant.draws_ma(),
         }
     }
 
@@ -312,7 +291,7 @@ impl Bench {
     pub(super) fn shaft(&self, drive: DriveId, axis: Axis) -> Option<Shaft> {
         self.at(drive).halls?;
         let &(_, motor) = self.at(drive).motors.iter().find(|(of, _)| *of == axis)?;
-        self.motors[motor as usize].machine.rotor().shaft(self.now, axis)
+        self.motors[motor as usize].plant.shaft(self.now)
     }
 
     /// Ranks the motors by name, after all drives.
@@ -379,7 +358,7 @@ impl Bench {
         let command = slot.inbox.front().map_or(Instant::NEVER, |(at, _)| *at);
         let seen = slot.sensors.iter().map(Sensor::next).min().unwrap_or(Instant::NEVER);
         let input_due = command.min(seen + Duration::TICK);
-        let due = slot.machine.rotor().deadline();
+        let due = slot.plant.deadline();
         let (at, phase) = if input_due <= due { (input_due, Phase::Pin) } else { (due, Phase::Deadline) };
         if at < Instant::NEVER {
             let rank = self.motor_ranks.get(motor).copied().unwrap_or(0);
@@ -394,25 +373,24 @@ impl Bench {
         };
         let now = self.now;
         self.update_sensors(motor);
-        let MotorSlot { name, machine, kinematics, inbox, reports, sensors, wakes, .. } =
+        let MotorSlot { name, plant, kinematics, inbox, reports, sensors, wakes, .. } =
             &mut self.motors[motor];
         let mut changed = false;
         while inbox.front().is_some_and(|(at, _)| *at <= now)
             && let Some((_, command)) = inbox.pop_front()
         {
-            machine.apply(now, &command, reports);
+            apply(&mut **plant, now, &command, reports);
             changed = true;
         }
         if phase == Phase::Deadline {
-            machine.rotor_mut().timeout(now, reports);
-            wakes.count(name, now, machine.rotor().deadline());
+            plant.timeout(now, reports);
+            wakes.count(name, now, plant.deadline());
             changed = true;
         }
-        let rotor = machine.rotor();
-        if changed && rotor.kinematics() != *kinematics {
-            *kinematics = rotor.kinematics();
+        if changed && plant.kinematics() != *kinematics {
+            *kinematics = plant.kinematics();
             for sensor in sensors {
-                sensor.predict(rotor, kinematics, now);
+                sensor.predict(&**plant, kinematics, now);
             }
         }
         let (drive, _) = self.motors[motor].drive;
@@ -436,31 +414,30 @@ impl Bench {
 
     /// Reports from the motors of a drive at its power-on: parameters, rotation, current.
     pub(super) fn motors_report(&self, index: u32) -> Vec<InputRecord> {
-        let of = |&(axis, motor): &(Axis, u32)| {
-            let Machine::Brush(motor) = &self.motors[motor as usize].machine else { return None };
-            let rotation = motor.rotation_at(self.now);
-            let parameters = Box::new(*motor.parameters());
-            let draws = InputRecord::MotorCurrent { axis, ma: motor.draws_ma() };
-            Some([InputRecord::Motor { axis, parameters }, InputRecord::Rotation { axis, rotation }, draws])
-        };
         let slot = &self.slots[index as usize];
         // A drive without Hall sensor inputs gets no feedback from its motors.
         if slot.halls.is_none() {
             return Vec::new();
         }
-        slot.motors.iter().filter_map(of).flatten().collect()
+        let mut inputs = Vec::new();
+        for &(axis, motor) in &slot.motors {
+            self.motors[motor as usize]
+                .plant
+                .repeat_reports(self.now, &mut Inputs { axis, inputs: &mut inputs });
+        }
+        inputs
     }
 
     /// Updates the sensors of a motor to the position that its shaft had one tick ago.
     fn update_sensors(&mut self, motor: usize) {
         for n in 0.. {
-            let MotorSlot { machine, kinematics, sensors, .. } = &mut self.motors[motor];
+            let MotorSlot { plant, kinematics, sensors, .. } = &mut self.motors[motor];
             let Some(sensor) = sensors.get_mut(n) else { break };
             if sensor.next() >= self.now {
                 continue;
             }
             let changes = sensor.take_change();
-            sensor.predict(machine.rotor(), kinematics, self.now);
+            sensor.predict(&**plant, kinematics, self.now);
             for (wire, level) in changes.into_iter().flatten() {
                 self.wire_level_arrives(wire, level);
             }

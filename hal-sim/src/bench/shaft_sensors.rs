@@ -5,7 +5,7 @@
 use std::ops::RangeInclusive;
 
 use drivetwin_firmware::device::{Instant, Level, Pin};
-use drivetwin_firmware::motor::{Kinematics, Rotor};
+use drivetwin_firmware::motor::{Kinematics, Plant};
 
 use super::motors::{Motor, TURN};
 use super::{Bench, DriveId, WireOutput};
@@ -138,20 +138,20 @@ impl Sensor {
     }
 
     /// Predicts the next change from `from` on, for the present motion of the shaft.
-    pub(super) fn predict(&mut self, rotor: &dyn Rotor, kinematics: &Kinematics, from: Instant) {
+    pub(super) fn predict(&mut self, plant: &dyn Plant, kinematics: &Kinematics, from: Instant) {
         if self.levels.is_none() {
-            (self.next, self.to) = (from, self.position_at(rotor, from));
+            (self.next, self.to) = (from, self.position_at(plant, from));
             return;
         }
         self.next = Instant::NEVER;
         let ways = if is_at_rest(kinematics) { [true, false].as_slice() } else { &[forward(kinematics)] };
         for &forward in ways {
             let Some((to, angle)) = self.kind.next(self.position, forward) else { continue };
-            let at = crossing(rotor, kinematics, angle.wrapping_add(self.began), forward, from);
+            let at = crossing(plant, kinematics, angle.wrapping_add(self.began), forward, from);
             if at < Instant::NEVER {
                 (self.next, self.to) = (at, to);
-                if self.is_beyond(rotor, at, forward) {
-                    self.to = self.position_at(rotor, at);
+                if self.is_beyond(plant, at, forward) {
+                    self.to = self.position_at(plant, at);
                 }
                 return;
             }
@@ -159,13 +159,13 @@ impl Sensor {
     }
 
     /// Returns true if the shaft passes another change within the same tick.
-    fn is_beyond(&self, rotor: &dyn Rotor, at: Instant, forward: bool) -> bool {
+    fn is_beyond(&self, plant: &dyn Plant, at: Instant, forward: bool) -> bool {
         let further = self.kind.next(self.to, forward);
-        further.is_some_and(|(_, angle)| rotor.is_at_least(at, angle.wrapping_add(self.began)) == forward)
+        further.is_some_and(|(_, angle)| plant.is_at_least(at, angle.wrapping_add(self.began)) == forward)
     }
 
-    fn position_at(&self, rotor: &dyn Rotor, at: Instant) -> i64 {
-        self.kind.position(rotor.angle_at(at).wrapping_sub(self.began))
+    fn position_at(&self, plant: &dyn Plant, at: Instant) -> i64 {
+        self.kind.position(plant.angle_at(at).wrapping_sub(self.began))
     }
 
     /// Applies the predicted change. Returns the wires that change, in the order of their changes. The caller
@@ -199,10 +199,10 @@ fn forward(kinematics: &Kinematics) -> bool {
 ///
 /// Floating point gives a first guess, usually exact to the tick. From there a search compares exact
 /// positions until the crossing lies between two ticks, so the result is exact.
-fn crossing(rotor: &dyn Rotor, kinematics: &Kinematics, angle: i64, forward: bool, from: Instant) -> Instant {
-    let there = |tick: u64| rotor.is_at_least(Instant::from_ticks(tick), angle) == forward;
+fn crossing(plant: &dyn Plant, kinematics: &Kinematics, angle: i64, forward: bool, from: Instant) -> Instant {
+    let there = |tick: u64| plant.is_at_least(Instant::from_ticks(tick), angle) == forward;
     let first = from.ticks();
-    let Some(last) = rotor.until().ticks().checked_sub(1).filter(|last| *last >= first) else {
+    let Some(last) = plant.until().ticks().checked_sub(1).filter(|last| *last >= first) else {
         // The motion changes now, and the prediction is repeated then.
         return Instant::NEVER;
     };

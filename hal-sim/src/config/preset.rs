@@ -264,15 +264,10 @@ pub fn refusal(spec: &Spec, row: usize, name: &str, refused: PresetError) -> Str
     let is_optional = spec.registers.rows.get(row).is_some_and(|row| row.optional);
     let why = match refused {
         PresetError::NoSuchRegister if is_optional => {
-            "it exists only after a client or a program of the drive has declared it"
+            "it exists only after a client or a program of the drive has declared it".to_owned()
         }
-        PresetError::NoSuchRegister => "the drive has no such register",
-        PresetError::ReadOnly => "the drive sets it itself",
-        PresetError::OutOfRange => "the drive does not take the value",
-        PresetError::BadMemory => "the drive's memory is bad, so what is saved there cannot be changed",
-        PresetError::Busy => {
-            "other settings or the present state of the drive do not allow it; first preset the registers that it depends on"
-        }
+        PresetError::Busy => format!("{refused}; first preset the registers that it depends on"),
+        _ => refused.to_string(),
     };
     format!("{name} cannot be preset: {why}")
 }

@@ -320,11 +320,8 @@ impl SlotState {
                 self.send_tcp(port, link, Some(bytes), context.outputs);
             }
             Output::Close { port, link } => self.send_tcp(port, link, None, context.outputs),
-            // The caller handles stores. The other outputs come from motors, which have no slot.
-            Output::Store { .. }
-            | Output::MotorCurrent { .. }
-            | Output::Motor { .. }
-            | Output::Rotation { .. } => {}
+            // The caller handles stores.
+            Output::Store { .. } => {}
         }
     }
 

@@ -14,7 +14,10 @@ pub mod rtu;
 pub mod server;
 pub mod tcp;
 
+use core::fmt;
+
 use crate::line::Line;
+use crate::time::Instant;
 
 /// The longest frame on a serial line (serial 2.5.1): address, function, 252 bytes, CRC.
 pub const FRAME_BYTES: usize = 256;
@@ -43,6 +46,21 @@ pub enum DropReason {
     /// The drive is starting up and receives nothing yet.
     Starting,
 }
+
+impl fmt::Display for DropReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Crc => "the checksum does not match",
+            Self::Gap => "a gap between two characters is too long",
+            Self::Length => "no frame has this length",
+            Self::RxError => "a character was received with an error",
+            Self::Address => "the frame is for another slave",
+            Self::Starting => "the drive is starting",
+        })
+    }
+}
+
+impl core::error::Error for DropReason {}
 
 /// Result of [`scan`]: the frame at the front of a burst of characters. A host uses it, because a host does
 /// not know the gaps between the characters.
@@ -81,4 +99,141 @@ pub fn scan(line: Line, burst: &[u8], expect: Expect) -> Scan {
 #[must_use]
 pub fn ended(line: Line, burst: &[u8], expect: Expect) -> usize {
     if ascii::is_on(line) { burst.len() } else { rtu::ended(burst, expect) }
+}
+
+/// Receiver of the messages of a serial line in one framing. Timestamps are the *ends* of characters.
+pub trait Receiver {
+    /// A receiver on a silent line.
+    fn new(line: Line) -> Self;
+
+    /// Changes the settings of the line from the next character after `at` on.
+    fn set_line(&mut self, at: Instant, line: Line);
+
+    /// Handles received characters that follow each other without a gap; `at` is the end of the first one. If a message
+    /// has ended before them, the caller [takes](Self::take_body) it first.
+    fn bytes(&mut self, at: Instant, bytes: &[u8]);
+
+    /// Handles a character with an error that ended at `at`.
+    fn rx_error(&mut self, at: Instant);
+
+    /// Time at which a message ends if no more characters follow; [`Instant::NEVER`] without a message.
+    fn deadline(&self) -> Instant;
+
+    /// Takes the message that has ended, and returns its address and PDU; `None` without a message.
+    ///
+    /// # Errors
+    /// The reason why the received characters are not a message.
+    fn take_body(&mut self) -> Option<Result<&[u8], DropReason>>;
+
+    /// Drops the characters received so far.
+    fn clear(&mut self);
+
+    /// Makes the message with an address and a PDU in the framing of this receiver, and passes it to `send`. `body` has
+    /// any content afterwards.
+    fn send(&self, body: &mut Frame, send: &mut dyn FnMut(&[u8]));
+}
+
+impl Receiver for rtu::RtuReceiver {
+    fn new(line: Line) -> Self {
+        Self::new(line)
+    }
+
+    fn set_line(&mut self, at: Instant, line: Line) {
+        self.set_line(at, line);
+    }
+
+    fn bytes(&mut self, at: Instant, bytes: &[u8]) {
+        self.bytes(at, bytes);
+    }
+
+    fn rx_error(&mut self, at: Instant) {
+        self.rx_error(at);
+    }
+
+    fn deadline(&self) -> Instant {
+        self.deadline()
+    }
+
+    fn take_body(&mut self) -> Option<Result<&[u8], DropReason>> {
+        Some(self.take()?.and_then(|frame| rtu::verify_crc(frame).ok_or(DropReason::Crc)))
+    }
+
+    fn clear(&mut self) {
+        self.clear();
+    }
+
+    fn send(&self, body: &mut Frame, send: &mut dyn FnMut(&[u8])) {
+        rtu::append_crc(body);
+        send(body);
+    }
+}
+
+/// Receiver of RTU, or of ASCII on a line of 7 data bits.
+#[derive(Clone, Debug)]
+pub enum RtuOrAscii {
+    /// On a line of 8 data bits.
+    Rtu(rtu::RtuReceiver),
+    /// On a line of 7 data bits.
+    Ascii(ascii::AsciiReceiver),
+}
+
+impl Receiver for RtuOrAscii {
+    fn new(line: Line) -> Self {
+        if ascii::is_on(line) {
+            Self::Ascii(ascii::AsciiReceiver::new(line))
+        } else {
+            Self::Rtu(rtu::RtuReceiver::new(line))
+        }
+    }
+
+    /// Changes the line. An incomplete message of another framing is lost.
+    fn set_line(&mut self, at: Instant, line: Line) {
+        match self {
+            Self::Rtu(receiver) if !ascii::is_on(line) => receiver.set_line(at, line),
+            _ => *self = Self::new(line),
+        }
+    }
+
+    fn bytes(&mut self, at: Instant, bytes: &[u8]) {
+        match self {
+            Self::Rtu(receiver) => receiver.bytes(at, bytes),
+            Self::Ascii(receiver) => receiver.bytes(at, bytes),
+        }
+    }
+
+    fn rx_error(&mut self, at: Instant) {
+        match self {
+            Self::Rtu(receiver) => receiver.rx_error(at),
+            Self::Ascii(receiver) => receiver.rx_error(at),
+        }
+    }
+
+    fn deadline(&self) -> Instant {
+        match self {
+            Self::Rtu(receiver) => receiver.deadline(),
+            Self::Ascii(receiver) => receiver.deadline(),
+        }
+    }
+
+    /// In ASCII an incomplete message stays in the receiver.
+    fn take_body(&mut self) -> Option<Result<&[u8], DropReason>> {
+        match self {
+            Self::Rtu(receiver) => receiver.take_body(),
+            Self::Ascii(receiver) => receiver.take(),
+        }
+    }
+
+    fn clear(&mut self) {
+        match self {
+            Self::Rtu(receiver) => receiver.clear(),
+            Self::Ascii(receiver) => receiver.clear(),
+        }
+    }
+
+    fn send(&self, body: &mut Frame, send: &mut dyn FnMut(&[u8])) {
+        match self {
+            Self::Rtu(receiver) => receiver.send(body, send),
+            Self::Ascii(_) => send(&ascii::encode(body)),
+        }
+    }
 }

@@ -1,5 +1,7 @@
 //! Requests and exceptions, the same in every framing (application, chapters 4 to 7).
 
+use core::fmt;
+
 /// Read coils.
 pub const READ_COILS: u8 = 1;
 /// Read discrete inputs.
@@ -47,6 +49,20 @@ impl Exception {
         self as u8
     }
 }
+
+/// The name in the specification (application protocol, section 7).
+impl fmt::Display for Exception {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::IllegalFunction => "illegal function",
+            Self::IllegalDataAddress => "illegal data address",
+            Self::IllegalDataValue => "illegal data value",
+            Self::ServerDeviceFailure => "server device failure",
+        })
+    }
+}
+
+impl core::error::Error for Exception {}
 
 /// A parsed request. Its addresses and values are not checked yet.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

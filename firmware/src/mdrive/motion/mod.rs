@@ -323,7 +323,7 @@ impl Motion {
 
     /// Blocks the shaft, or releases it.
     pub(super) fn block_shaft(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
-        self.motor.set_blocked(at, blocked, out);
+        self.motor.set_blocked(at, blocked);
         self.counted(at, out);
         self.refresh(at, out);
     }

@@ -1,9 +1,9 @@
 //! The motor on the drive's own shaft: the plan that turns it, and its current.
 
 use super::response::Response;
-use crate::device::{Axis, Context, Device, Duration, Input, Instant, Output, Plan};
+use crate::device::{Axis, Context, Duration, Instant, Output, Plan};
 use crate::motor::stepper::{StepperMotor, StepperParameters};
-use crate::motor::{Kinematics, Rotor, STALL};
+use crate::motor::{Command, Kinematics, Plant};
 
 const AXIS: Axis = Axis(0);
 
@@ -73,7 +73,7 @@ impl Motor {
     /// Makes steps without a ramp, from standstill.
     pub(super) fn step(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
         self.plan = Plan::at_rest(at, self.position(at).wrapping_add(steps));
-        self.shaft.input(at, Input::Step { axis: AXIS, steps }, out);
+        self.shaft.command(at, Command::Step(steps), &mut ());
         out.put(at, Output::Step { axis: AXIS, steps });
     }
 
@@ -89,7 +89,7 @@ impl Motor {
         let ma = u32::from(percent.unwrap_or(0)) * PEAK_MA / 100;
         let is_pulled = ma != 0 || !turns_on;
         if is_pulled && self.pull_ma.replace(ma) != Some(ma) {
-            self.shaft.input(at, Input::CurrentLimit { axis: AXIS, ma }, out);
+            self.shaft.command(at, Command::CurrentLimit(ma), &mut ());
         }
         if self.ma.replace(ma) != Some(ma) {
             out.put(at, Output::CurrentLimit { axis: AXIS, ma });
@@ -117,13 +117,13 @@ impl Motor {
 
     fn lead_shaft(&mut self, at: Instant, out: &mut dyn Context) {
         let plan = self.response.of(at, &self.plan);
-        self.shaft.input(at, Input::Plan { axis: AXIS, plan: &plan }, out);
+        self.shaft.command(at, Command::Plan(&plan), &mut ());
         out.put(at, Output::Plan { axis: AXIS, plan: &plan });
     }
 
     /// Blocks the shaft, or releases it.
-    pub(super) fn set_blocked(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
-        self.shaft.input(at, Input::Fault { fault: STALL, on: blocked }, out);
+    pub(super) fn set_blocked(&mut self, at: Instant, blocked: bool) {
+        self.shaft.set_blocked(at, blocked, &mut ());
     }
 
     /// Sets the parameters of the motor and its load.
@@ -186,6 +186,6 @@ impl Motor {
         if self.response.due <= at {
             self.respond(at, out);
         }
-        self.shaft.timeout(at, out);
+        self.shaft.timeout(at, &mut ());
     }
 }

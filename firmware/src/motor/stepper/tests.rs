@@ -5,38 +5,34 @@ use proptest::prelude::*;
 use std::vec::Vec;
 
 use super::*;
-use crate::device::Axis;
 use crate::motion::Limits;
-use crate::testing::{Recorder, Treatment};
-
-const AXIS: Axis = Axis(0);
-
-/// A recorder that refuses all outputs, because a stepper motor puts none.
-fn nothing() -> Recorder {
-    Recorder::default().ruled(|_| Treatment::Refuse)
-}
 
 fn at_us(us: u64) -> Instant {
     Instant::from(Duration::micros(us))
 }
 
-fn tell(motor: &mut StepperMotor, at: Instant, input: Input<'_>) {
+fn tell(motor: &mut StepperMotor, at: Instant, command: Command<'_>) {
     wake_until(motor, at);
-    motor.input(at, input, &mut nothing());
+    motor.command(at, command, &mut ());
 }
 
 fn plan(motor: &mut StepperMotor, at: Instant, plan: &Plan) {
-    tell(motor, at, Input::Plan { axis: AXIS, plan });
+    tell(motor, at, Command::Plan(plan));
+}
+
+fn block(motor: &mut StepperMotor, at: Instant, blocked: bool) {
+    wake_until(motor, at);
+    motor.set_blocked(at, blocked, &mut ());
 }
 
 fn step(motor: &mut StepperMotor, at: Instant, steps: i32) {
-    tell(motor, at, Input::Step { axis: AXIS, steps });
+    tell(motor, at, Command::Step(steps));
 }
 
 fn wake_until(motor: &mut StepperMotor, at: Instant) {
     while motor.deadline() < at {
         let due = motor.deadline();
-        motor.timeout(due, &mut nothing());
+        motor.timeout(due, &mut ());
         assert!(motor.deadline() > due, "it wants to be woken again at once");
     }
 }
@@ -45,7 +41,7 @@ fn wake_until(motor: &mut StepperMotor, at: Instant) {
 fn turns(motor: &mut StepperMotor, at: Instant) -> f64 {
     wake_until(motor, at);
     if motor.deadline() == at {
-        motor.timeout(at, &mut nothing());
+        motor.timeout(at, &mut ());
     }
     motor.angle_at(at) as f64 / 4_294_967_296.0
 }
@@ -169,7 +165,7 @@ const LOADED: StepperParameters = StepperParameters {
 
 fn loaded() -> StepperMotor {
     let mut motor = motor(LOADED);
-    tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
+    tell(&mut motor, Instant::ZERO, Command::CurrentLimit(500));
     motor
 }
 
@@ -183,7 +179,7 @@ fn stalls(motor: &mut StepperMotor, until: Instant) -> Option<Instant> {
     while motor.deadline() < until {
         let due = motor.deadline();
         assert!(!motor.stalled());
-        motor.timeout(due, &mut nothing());
+        motor.timeout(due, &mut ());
         if motor.stalled() {
             return Some(due);
         }
@@ -234,7 +230,7 @@ fn less_current_stalls_at_once() {
     // 0.12 A hold 48,000 µN·m, which is less than load and friction together.
     let mut motor = loaded();
     plan(&mut motor, Instant::ZERO, &ramp(Instant::ZERO, 4_000));
-    tell(&mut motor, at_us(2_000_000), Input::CurrentLimit { axis: AXIS, ma: 120 });
+    tell(&mut motor, at_us(2_000_000), Command::CurrentLimit(120));
     assert!(motor.stalled());
     // 48,000 µN·m bring 10⁻⁴ kg·m² to 7.77 rad/s, or 1,978 steps/s, within two full steps. The field is
     // faster: 4,000 steps/s. So its mean torque is zero, and the load turns the shaft back.
@@ -255,7 +251,7 @@ fn it_falls_in_whole_periods_from_where_it_should_be() {
     // Friction holds this load where the shaft stalls.
     let parameters = StepperParameters { friction_unm: 30_000, load_unm: 20_000, ..LOADED };
     let mut motor = motor(parameters);
-    tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
+    tell(&mut motor, Instant::ZERO, Command::CurrentLimit(500));
     let rates = Limits::even(U24F8::from_num(15_000), 8_000);
     let end = Plan::profile(Instant::ZERO, 0, 30_000, rates).end();
     plan(&mut motor, Instant::ZERO, &Plan::profile(Instant::ZERO, 0, 30_000, rates));
@@ -278,16 +274,16 @@ fn it_falls_in_whole_periods_from_where_it_should_be() {
 #[test]
 fn a_held_shaft_stands_until_it_is_let_go() {
     let mut motor = motor(StepperParameters::NOMINAL);
-    tell(&mut motor, at_us(500), Input::Fault { fault: STALL, on: true });
+    block(&mut motor, at_us(500), true);
     step(&mut motor, at_us(1_000), 15);
     assert_turns(&mut motor, at_us(5_000), 0.0);
     assert!(motor.stalled());
     // A period is 32 steps. 15 steps are less than half a period, 17 are more.
-    tell(&mut motor, at_us(6_000), Input::Fault { fault: STALL, on: false });
+    block(&mut motor, at_us(6_000), false);
     assert_turns(&mut motor, at_us(7_000), 15.0 / 1_600.0);
-    tell(&mut motor, at_us(8_000), Input::Fault { fault: STALL, on: true });
+    block(&mut motor, at_us(8_000), true);
     step(&mut motor, at_us(9_000), 17);
-    tell(&mut motor, at_us(20_000), Input::Fault { fault: STALL, on: false });
+    block(&mut motor, at_us(20_000), false);
     assert_turns(&mut motor, at_us(21_000), 0.0);
 }
 
@@ -297,12 +293,12 @@ fn a_motor_that_follows_whatever_its_load_is_does_not_without_current() {
     let mut motor = motor(parameters);
     step(&mut motor, at_us(1_000), 4);
     assert_turns(&mut motor, at_us(5_000), 4.0 / 1_600.0);
-    tell(&mut motor, at_us(10_000), Input::CurrentLimit { axis: AXIS, ma: 0 });
+    tell(&mut motor, at_us(10_000), Command::CurrentLimit(0));
     assert!(!motor.stalled());
     let slides = slid(100.0, 10.0, 0.09) * 1_600.0;
     assert!((turns(&mut motor, at_us(100_000)) * 1_600.0 - 4.0 - slides).abs() < 1e-3);
     // The shaft is at 103.1 steps. The nearest position is a multiple of 32 from 4.
-    tell(&mut motor, at_us(100_000), Input::CurrentLimit { axis: AXIS, ma: 1 });
+    tell(&mut motor, at_us(100_000), Command::CurrentLimit(1));
     assert_turns(&mut motor, at_us(101_000), 100.0 / 1_600.0);
 }
 
@@ -324,7 +320,7 @@ fn a_load_turns_a_shaft_at_rest_when_it_exceeds_what_holds_it() {
         ] {
             let mut motor = motor(StepperParameters { load_unm: 0, ..LOADED });
             if let Some(ma) = ma {
-                tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma });
+                tell(&mut motor, Instant::ZERO, Command::CurrentLimit(ma));
             }
             motor.load(at_us(1_000), StepperParameters { load_unm, ..LOADED });
             // 1 µN·m accelerates 10⁻⁴ kg·m² by 0.01 rad/s². A step/s² is about 1/256 rad/s².
@@ -342,10 +338,10 @@ fn a_load_turns_a_shaft_at_rest_when_it_exceeds_what_holds_it() {
 fn current_brakes_a_shaft_and_holds_it() {
     for way in [1, -1] {
         let mut motor = motor(StepperParameters { load_unm: way * 30_000, ..LOADED });
-        tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
+        tell(&mut motor, Instant::ZERO, Command::CurrentLimit(0));
         // 100 rad/s² for 0.2 s are 20 rad/s and 2 rad. 100,000 + 20,000 − 30,000 µN·m brake with 900 rad/s²:
         // 0.2222 rad in 22.2 ms.
-        tell(&mut motor, at_us(200_000), Input::CurrentLimit { axis: AXIS, ma: 250 });
+        tell(&mut motor, at_us(200_000), Command::CurrentLimit(250));
         assert!(motor.stalled());
         let stops = turns(&mut motor, at_us(222_300)) * 1_600.0;
         let slid = -f64::from(way) * 2.222_222 / (2.0 * core::f64::consts::PI) * 1_600.0;
@@ -365,7 +361,7 @@ fn a_load_never_turns_a_shaft_faster_than_pull_out() {
     for load_unm in [StepperParameters::LEAST.load_unm, StepperParameters::MOST.load_unm] {
         for inertia_gcm2 in [StepperParameters::LEAST.inertia_gcm2, StepperParameters::MOST.inertia_gcm2] {
             let mut motor = motor(StepperParameters { load_unm, inertia_gcm2, ..LOADED });
-            tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
+            tell(&mut motor, Instant::ZERO, Command::CurrentLimit(0));
             let mut last = 0.0;
             for hour in 1..100 {
                 let now = turns(&mut motor, at_us(hour * 3_600_000_000));
@@ -380,7 +376,7 @@ fn a_load_never_turns_a_shaft_faster_than_pull_out() {
 #[test]
 fn a_load_that_goes_or_turns_round_lets_friction_brake_the_shaft() {
     let mut motor = motor(StepperParameters { load_unm: -30_000, ..LOADED });
-    tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 0 });
+    tell(&mut motor, Instant::ZERO, Command::CurrentLimit(0));
     // The shaft is at 2 rad with 20 rad/s. Friction alone brakes with 200 rad/s², friction and a load of
     // 20,000 µN·m against the motion with 400.
     let rad = 1.0 / (2.0 * core::f64::consts::PI);
@@ -399,7 +395,7 @@ fn a_field_that_is_kept_beside_the_shaft_holds_a_load_that_it_cannot_move() {
     // shaft cannot hold them, either.
     for keeps in [false, true] {
         let mut motor = motor(StepperParameters { load_unm: 190_000, ..LOADED });
-        tell(&mut motor, Instant::ZERO, Input::CurrentLimit { axis: AXIS, ma: 500 });
+        tell(&mut motor, Instant::ZERO, Command::CurrentLimit(500));
         motor.keep_field(Instant::ZERO, keeps);
         plan(&mut motor, at_us(1_000), &ramp(at_us(1_000), 15_000));
         let turned = turns(&mut motor, at_us(1_500_000));
@@ -453,7 +449,7 @@ proptest! {
                 last = seen[seen.len() - 1];
                 now = until;
                 if motor.deadline() == now {
-                    motor.timeout(now, &mut nothing());
+                    motor.timeout(now, &mut ());
                 }
             }
             let rests = course.end() <= now;
@@ -462,14 +458,14 @@ proptest! {
                 0 | 1 => course.ramp_to(now, I24F8::from_num(number), 300_000),
                 2 => {
                     if rests {
-                        motor.input(now, Input::Step { axis: AXIS, steps: number.signum() }, &mut nothing());
+                        motor.command(now, Command::Step(number.signum()), &mut ());
                     }
                     continue;
                 }
                 3 => course.halt(now),
                 _ => continue,
             };
-            motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut nothing());
+            motor.command(now, Command::Plan(&course), &mut ());
         }
         let steps = turns(&mut motor, now) * 1_600.0;
         prop_assert!((steps - steps.round()).abs() < 1e-5, "{}", steps);
@@ -532,7 +528,7 @@ proptest! {
             while motor.deadline() <= then {
                 now = motor.deadline();
                 let before = motor.angle_at(now);
-                motor.timeout(now, &mut nothing());
+                motor.timeout(now, &mut ());
                 prop_assert!(motor.deadline() > now, "it wants to be woken again at once");
                 prop_assert!(motor.angle_at(now).abs_diff(before) <= 4, "it jumps by {}", motor.angle_at(now) - before);
                 wakes += 1;
@@ -548,16 +544,16 @@ proptest! {
             match happens {
                 Happens::Slews(speed) => course = course.ramp_to(now, I24F8::from_bits(speed), 300_000),
                 Happens::Halts => course = course.halt(now),
-                Happens::Steps(steps) => motor.input(now, Input::Step { axis: AXIS, steps }, &mut nothing()),
-                Happens::Current(ma) => motor.input(now, Input::CurrentLimit { axis: AXIS, ma }, &mut nothing()),
-                Happens::Held(on) => motor.input(now, Input::Fault { fault: STALL, on }, &mut nothing()),
+                Happens::Steps(steps) => motor.command(now, Command::Step(steps), &mut ()),
+                Happens::Current(ma) => motor.command(now, Command::CurrentLimit(ma), &mut ()),
+                Happens::Held(on) => motor.set_blocked(now, on, &mut ()),
                 Happens::Load(parameters) => motor.load(now, parameters),
                 Happens::Keeps(keeps) => motor.keep_field(now, keeps),
                 Happens::Catches => motor.resynchronise(now),
                 Happens::Microsteps(microsteps) => motor.set_microsteps(now, microsteps),
             }
             if let Happens::Slews(_) | Happens::Halts = happens {
-                motor.input(now, Input::Plan { axis: AXIS, plan: &course }, &mut nothing());
+                motor.command(now, Command::Plan(&course), &mut ());
             }
             prop_assert!(motor.deadline() > now);
             // The phase of a new plan is between two steps of the plan before it.

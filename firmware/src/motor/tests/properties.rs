@@ -97,16 +97,16 @@ proptest! {
         let counts = counts(&parameters);
         let (mut ms, mut fastest) = (0, f64::from(parameters.no_load_rpm) / 60.0);
         for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut out);
-            motor.input(at_ms(ms), duty(drive), &mut out);
+            motor.command(at_ms(ms), current(ma), &mut out);
+            motor.command(at_ms(ms), duty(drive), &mut out);
             (reference.duty, reference.limit) = (f64::from(drive) / 65_536.0, f64::from(ma) * 1e-3);
             reference.run(span);
             ms += span;
-            advance(&mut motor, at_ms(ms), core::iter::empty(), &mut out);
+            advance(&mut motor, at_ms(ms), &mut out);
             fastest = fastest.max((reference.speed / TAU).abs());
             let speed = turns_per_second(&motor, at_ms(ms));
             prop_assert!((speed - reference.speed / TAU).abs() <= 0.01 * fastest, "{} rps, not {}", speed, reference.speed / TAU);
-            let turns = f64::from(motor.shaft(at_ms(ms), AXIS).unwrap().position) / counts;
+            let turns = f64::from(motor.shaft(at_ms(ms)).unwrap().position) / counts;
             let tolerance = 1.0 / counts + 0.01 * fastest * ms as f64 / 1e3;
             prop_assert!((turns - reference.turns).abs() <= tolerance, "{} turns, not {}", turns, reference.turns);
         }
@@ -116,24 +116,25 @@ proptest! {
     fn every_edge_is_where_the_shaft_crosses_it(parameters in parameters(), script in script()) {
         let (mut motor, mut ms) = (motor(parameters), 0);
         for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut recorder());
-            motor.input(at_ms(ms), duty(drive), &mut recorder());
+            motor.command(at_ms(ms), current(ma), &mut recorder());
+            motor.command(at_ms(ms), duty(drive), &mut recorder());
             ms += span;
             while motor.deadline() <= at_ms(ms) {
                 let due = motor.deadline();
-                let place = |at| i64::from(motor.shaft(at, AXIS).unwrap().position);
+                let place = |at| i64::from(motor.shaft(at).unwrap().position);
                 let (before, here) = (place(due - Duration::TICK), place(due));
                 let mut out = recorder();
                 motor.timeout(due, &mut out);
                 // With two sensors both are high in count 0, and A leads. With three, each is high for half
                 // of a pulse, and rises a third of a pulse after the sensor before it.
                 let (of, high): (i64, &[_]) = match parameters.hall_sensors {
-                    2 => (4, &[(HALL_A, [3, 0].as_slice()), (HALL_B, &[0, 1])]),
-                    _ => (6, &[(HALL_A, &[0, 1, 2]), (HALL_B, &[2, 3, 4]), (HALL_C, &[4, 5, 0])]),
+                    2 => (4, &[[3, 0].as_slice(), &[0, 1]]),
+                    _ => (6, &[&[0, 1, 2], &[2, 3, 4], &[4, 5, 0]]),
                 };
-                for &(_, pin, level) in &out.levels {
-                    let (_, counts) = high.iter().find(|(of, _)| *of == pin).unwrap();
-                    prop_assert_eq!(level == Level::High, counts.contains(&here.rem_euclid(of)), "{:?} in {}", pin, here);
+                for &(_, sensor, level) in &out.levels {
+                    let Sensor::Hall(hall) = sensor else { panic!("it has no encoder") };
+                    let counts = high[usize::from(hall)];
+                    prop_assert_eq!(level, counts.contains(&here.rem_euclid(of)), "{:?} in {}", sensor, here);
                 }
                 if !out.levels.is_empty() {
                     prop_assert_eq!(((here - before).abs(), out.levels.len()), (1, 1));
@@ -149,13 +150,13 @@ proptest! {
         let (mut motor, mut ms) = (motor(parameters), 0);
         let full = f64::from(parameters.no_load_rpm) / 60.0;
         for (span, drive, ma) in script {
-            motor.input(at_ms(ms), current(ma), &mut recorder());
-            motor.input(at_ms(ms), duty(drive), &mut recorder());
+            motor.command(at_ms(ms), current(ma), &mut recorder());
+            motor.command(at_ms(ms), duty(drive), &mut recorder());
             ms += span;
             while motor.deadline() <= at_ms(ms) {
                 let at = motor.deadline();
                 motor.timeout(at, &mut recorder());
-                let (turns, drawn) = (turns_per_second(&motor, at), motor.shaft(at, AXIS).unwrap().ma);
+                let (turns, drawn) = (turns_per_second(&motor, at), motor.shaft(at).unwrap().ma);
                 let charges = turns.abs() > 0.999 * full && f64::from(drawn) * turns < 0.0;
                 prop_assert!(drawn.unsigned_abs() <= ma || charges, "{} mA at {} rps", drawn, turns);
             }
@@ -169,16 +170,16 @@ proptest! {
         parameters in parameters(), spun in -65_536..65_537_i32, ms in 1..3_000_u64,
     ) {
         let (mut motor, mut out) = (motor(parameters), recorder());
-        motor.input(at_ms(0), duty(spun), &mut out);
-        motor.input(at_ms(0), current(20_000), &mut out);
-        advance(&mut motor, at_ms(300), core::iter::empty(), &mut out);
-        motor.input(at_ms(300), current(0), &mut out);
+        motor.command(at_ms(0), duty(spun), &mut out);
+        motor.command(at_ms(0), current(20_000), &mut out);
+        advance(&mut motor, at_ms(300), &mut out);
+        motor.command(at_ms(300), current(0), &mut out);
         let at = at_ms(300 + ms);
-        let unseen = motor.shaft(at, AXIS).unwrap();
+        let unseen = motor.shaft(at).unwrap();
         let full = f64::from(parameters.no_load_rpm) / 60.0;
         prop_assume!([at_ms(300), at].map(|at| turns_per_second(&motor, at).abs() < full) == [true; 2]);
-        advance(&mut motor, at, core::iter::empty(), &mut out);
-        let seen = motor.shaft(at, AXIS).unwrap();
+        advance(&mut motor, at, &mut out);
+        let seen = motor.shaft(at).unwrap();
         prop_assert!((unseen.position - seen.position).abs() <= 1, "{:?} {:?}", unseen, seen);
         let off = (unseen.speed - seen.speed).abs().to_num::<f64>();
         prop_assert!(off <= 0.001 + 1e-6 * seen.speed.abs().to_num::<f64>(), "{:?} {:?}", unseen, seen);
@@ -190,11 +191,11 @@ proptest! {
     ) {
         let parameters = Parameters { load_unm: 0, friction_unm: parameters.friction_unm.max(1_000), ..parameters };
         let (mut motor, mut out) = (motor(parameters), recorder());
-        motor.input(at_ms(0), current(40_000), &mut out);
-        motor.input(at_ms(0), duty(spun), &mut out);
-        advance(&mut motor, at_ms(500), core::iter::empty(), &mut out);
-        motor.input(at_ms(500), duty(0), &mut out);
-        motor.input(at_ms(500), current(if shorted { 40_000 } else { 0 }), &mut out);
+        motor.command(at_ms(0), current(40_000), &mut out);
+        motor.command(at_ms(0), duty(spun), &mut out);
+        advance(&mut motor, at_ms(500), &mut out);
+        motor.command(at_ms(500), duty(0), &mut out);
+        motor.command(at_ms(500), current(if shorted { 40_000 } else { 0 }), &mut out);
         let mut speed = turns_per_second(&motor, at_ms(500)).abs();
         while motor.deadline() != Instant::NEVER {
             let at = motor.deadline();
@@ -204,6 +205,6 @@ proptest! {
             speed = slower;
         }
         prop_assert_eq!(speed, 0.0);
-        prop_assert_eq!(motor.shaft(Instant::NEVER, AXIS).unwrap().ma, 0);
+        prop_assert_eq!(motor.shaft(Instant::NEVER).unwrap().ma, 0);
     }
 }

@@ -339,7 +339,7 @@ pub enum OutputRecord {
 }
 
 impl OutputRecord {
-    /// The record of `output`; `None` for a log event and for reports of a motor to its drive.
+    /// The record of `output`; `None` for a log event.
     #[must_use]
     pub fn of(output: Output<'_>) -> Option<Self> {
         Some(match output {
@@ -354,9 +354,7 @@ impl OutputRecord {
             Output::CurrentLimit { axis, ma } => Self::CurrentLimit { axis, ma },
             Output::Duty { axis, duty } => Self::Duty { axis, duty },
             Output::Store { offset, bytes } => Self::Store { offset, bytes: bytes.to_vec() },
-            Output::Log(_) | Output::MotorCurrent { .. } | Output::Motor { .. } | Output::Rotation { .. } => {
-                return None;
-            }
+            Output::Log(_) => return None,
         })
     }
 

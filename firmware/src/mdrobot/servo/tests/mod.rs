@@ -10,9 +10,9 @@ use std::format;
 use std::vec::Vec;
 
 use super::*;
-use crate::device::{Boot, Device, Duration, Input, Level, Shaft};
+use crate::device::{Duration, Shaft};
 use crate::mdrobot::alarm::status;
-use crate::motor::{ENCODER_A, ENCODER_B, HALL_PINS, Motor, STALL};
+use crate::motor::{self, Command, Motor, Plant, Report, Reports};
 
 /// The motor of the drive: 24 V, 0.06 Nm/A, 0.3 Ω.
 const MOTOR: Parameters = Parameters {
@@ -43,20 +43,6 @@ impl Context for Wires<'_> {
         let wire = match output {
             Output::Duty { duty, .. } => Wire::Duty(duty),
             Output::CurrentLimit { ma, .. } => Wire::Current(ma),
-            Output::MotorCurrent { ma, .. } => Wire::MotorCurrent(ma),
-            Output::Motor { parameters, .. } => Wire::Motor(*parameters),
-            Output::Rotation { rotation, .. } => Wire::Rotation(rotation),
-            Output::Level { pin, level } => {
-                let sensor = match pin {
-                    ENCODER_A => Sensor::EncoderA,
-                    ENCODER_B => Sensor::EncoderB,
-                    _ => match HALL_PINS.iter().position(|hall| *hall == pin) {
-                        Some(place) => Sensor::Hall(place as u8),
-                        None => return,
-                    },
-                };
-                Wire::Sensor(sensor, level == Level::High)
-            }
             _ => return,
         };
         self.0.push((at + Duration::TICK, wire));
@@ -64,6 +50,21 @@ impl Context for Wires<'_> {
 
     fn memory(&self) -> &[u8] {
         &[]
+    }
+}
+
+impl Reports for Wires<'_> {
+    fn report(&mut self, at: Instant, report: Report<'_>) {
+        let wire = match report {
+            Report::MotorCurrent(ma) => Wire::MotorCurrent(ma),
+            Report::Motor(parameters) => Wire::Motor(*parameters),
+            Report::Rotation(rotation) => Wire::Rotation(rotation),
+            Report::Level(motor::Sensor::Hall(hall), high) => Wire::Sensor(Sensor::Hall(hall), high),
+            Report::Level(motor::Sensor::EncoderA, high) => Wire::Sensor(Sensor::EncoderA, high),
+            Report::Level(motor::Sensor::EncoderB, high) => Wire::Sensor(Sensor::EncoderB, high),
+            Report::Level(motor::Sensor::Index, _) => return,
+        };
+        self.0.push((at + Duration::TICK, wire));
     }
 }
 
@@ -92,7 +93,7 @@ impl Bench {
             looks: 0,
         };
         bench.servo.power_on(Instant::ZERO, settings, &mut Wires(&mut bench.wires));
-        bench.motor.power_on(Instant::ZERO, Boot::default(), &mut Wires(&mut bench.wires));
+        bench.motor.power_on(Instant::ZERO, &mut Wires(&mut bench.wires));
         bench.run_ms(1);
         bench
     }
@@ -102,8 +103,8 @@ impl Bench {
         let mut out = Wires(&mut self.wires);
         for (at, wire) in wires {
             match wire {
-                Wire::Duty(duty) => self.motor.input(at, Input::Duty { axis: AXIS, duty }, &mut out),
-                Wire::Current(ma) => self.motor.input(at, Input::CurrentLimit { axis: AXIS, ma }, &mut out),
+                Wire::Duty(duty) => self.motor.command(at, Command::Duty(duty), &mut out),
+                Wire::Current(ma) => self.motor.command(at, Command::CurrentLimit(ma), &mut out),
                 Wire::MotorCurrent(ma) => {
                     self.most_ma = self.most_ma.max(ma.unsigned_abs());
                     self.servo.draws(ma);
@@ -156,7 +157,7 @@ impl Bench {
     }
 
     fn hold(&mut self, on: bool) {
-        self.motor.input(self.now, Input::Fault { fault: STALL, on }, &mut Wires(&mut self.wires));
+        self.motor.set_blocked(self.now, on, &mut Wires(&mut self.wires));
     }
 
     fn load(&mut self, load_unm: i32) {
@@ -165,7 +166,7 @@ impl Bench {
     }
 
     fn shaft(&self) -> Shaft {
-        self.motor.shaft(self.now, AXIS).unwrap()
+        self.motor.shaft(self.now).unwrap()
     }
 
     fn real_rpm(&self) -> f64 {

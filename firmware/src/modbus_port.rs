@@ -1,0 +1,148 @@
+//! The serial Modbus port of a slave: its receiver, start-up, replies, and changes of the line.
+
+use drivetwin_protocol::modbus::server::{Outcome, RequestHandler, Rules, serve_serial};
+use drivetwin_protocol::modbus::{DropReason, Frame, Receiver};
+
+use crate::device::{Context, Duration, Input, Instant, Line, LogEvent, Output, Port};
+
+/// A serial Modbus port. The drive passes it the [inputs](Self::input) and calls [`serve`](Self::serve) when a message
+/// [is over](Self::is_over): at the deadline, and before an input of characters.
+///
+/// A character whose last bit ends before the port receives is lost. All drives have this rule; a drive with a start-up
+/// delay receives from the tick after its end on.
+#[derive(Clone, Debug)]
+pub struct ModbusPort<R> {
+    port: Port,
+    receiver: R,
+    /// Duration of a character.
+    character: Duration,
+    receives_from: Instant,
+}
+
+impl<R: Receiver> ModbusPort<R> {
+    /// A port without power.
+    #[must_use]
+    #[inline]
+    pub fn new(port: Port, line: Line) -> Self {
+        Self { port, receiver: R::new(line), character: line.character(), receives_from: Instant::NEVER }
+    }
+
+    /// Starts the port at power-on or at a restart, with the settings `line`: it receives from `receives_from` on. An
+    /// incomplete message is lost.
+    pub fn start(&mut self, at: Instant, line: Line, receives_from: Instant, out: &mut dyn Context) {
+        self.receiver.clear();
+        self.receives_from = receives_from;
+        self.set_line(at, line, out);
+    }
+
+    /// Drops an incomplete message, and all characters until the next [`start`](Self::start).
+    pub fn mute(&mut self) {
+        self.receiver.clear();
+        self.receives_from = Instant::NEVER;
+    }
+
+    /// Time from which the port receives.
+    #[must_use]
+    pub fn receives_from(&self) -> Instant {
+        self.receives_from
+    }
+
+    /// Changes the settings of the line from `from` on, for instance from the end of a reply.
+    pub fn set_line(&mut self, from: Instant, line: Line, out: &mut dyn Context) {
+        self.receiver.set_line(from, line);
+        self.character = line.character();
+        out.put(from, Output::Line { port: self.port, line });
+    }
+
+    /// Handles received characters that follow each other without a gap; `at` is the end of the first one.
+    pub fn bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
+        let (first, received) = self.received(at, bytes);
+        if received.len() < bytes.len() {
+            out.put(at, Output::Log(LogEvent::Dropped { port: self.port, why: DropReason::Starting }));
+        }
+        self.receiver.bytes(first, received);
+    }
+
+    /// Removes the characters that end before the port receives. Returns the end of the first remaining character, and
+    /// the remaining characters.
+    fn received<'a>(&self, at: Instant, bytes: &'a [u8]) -> (Instant, &'a [u8]) {
+        if at >= self.receives_from {
+            return (at, bytes);
+        }
+        let missed = (self.receives_from - Duration::TICK).since(at) / self.character + 1;
+        let received = usize::try_from(missed).ok().and_then(|missed| bytes.get(missed..)).unwrap_or(&[]);
+        (at + self.character * missed, received)
+    }
+
+    /// Handles a character with an error that ended at `at`. Returns true if the port was receiving.
+    pub fn rx_error(&mut self, at: Instant) -> bool {
+        let is_receiving = at >= self.receives_from;
+        if is_receiving {
+            self.receiver.rx_error(at);
+        }
+        is_receiving
+    }
+
+    /// Time at which a message ends if no more characters follow.
+    #[must_use]
+    pub fn deadline(&self) -> Instant {
+        self.receiver.deadline()
+    }
+
+    /// Returns true if a message has ended at `at`, or before a character that ends at `at`.
+    #[must_use]
+    pub fn is_over(&self, at: Instant) -> bool {
+        self.deadline() <= at
+    }
+
+    /// Serves the message that has ended, for the slave `unit`. Writes the body of the reply into `reply`, which is empty
+    /// if the slave does not reply. Returns `None` without a message.
+    #[inline]
+    pub fn serve<M: RequestHandler>(
+        &mut self,
+        unit: u8,
+        rules: &Rules,
+        handler: &mut M,
+        reply: &mut Frame,
+    ) -> Option<Outcome> {
+        reply.clear();
+        Some(match self.receiver.take_body()? {
+            Ok(body) => serve_serial(body, unit, rules, handler, reply),
+            Err(why) => Outcome::Dropped(why),
+        })
+    }
+
+    /// Notes the outcome of a message, and sends the reply `delay` after `at`. Returns the end of the reply; `None`
+    /// without a reply. `reply` has any content afterwards.
+    #[inline]
+    pub fn answer(
+        &self,
+        at: Instant,
+        delay: Duration,
+        outcome: Outcome,
+        reply: &mut Frame,
+        out: &mut dyn Context,
+    ) -> Option<Instant> {
+        let port = self.port;
+        out.put(at, Output::Log(LogEvent::of(port, outcome)));
+        if reply.is_empty() {
+            return None;
+        }
+        let (begin, mut characters) = (at + delay, 0);
+        self.receiver.send(reply, &mut |bytes| {
+            characters = bytes.len() as u64;
+            out.put(begin, Output::Bytes { port, bytes });
+        });
+        Some(begin + self.character * characters)
+    }
+}
+
+/// Returns true for an input that begins after all other inputs of its instant: characters, and the end of a frame.
+/// Before it, a drive that starts without a delay is ready.
+#[must_use]
+pub fn is_reception(input: &Input<'_>) -> bool {
+    matches!(input, Input::Bytes { .. } | Input::RxError { .. } | Input::Idle { .. })
+}
+
+#[cfg(test)]
+mod tests;
