@@ -65,7 +65,7 @@ pub fn make(kind: &str) -> Result<Box<dyn Device>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::testing::test_device::Toy as TestDevice;
+    use crate::testing::test_device::TestDevice;
 
     #[test]
     fn names_of_added_kinds_are_new_words() {
