@@ -5,8 +5,8 @@ use drivetwin_protocol::modbus::{DropReason, Frame, Receiver};
 
 use crate::device::{Context, Duration, Input, Instant, Line, LogEvent, Output, Port};
 
-/// A serial Modbus port. The drive passes it the [inputs](Self::input) and calls [`serve`](Self::serve) when a message
-/// [is over](Self::is_over): at the deadline, and before an input of characters.
+/// A serial Modbus port. The drive passes it characters and errors, and calls [`serve`](Self::serve) when a message
+/// [is over](Self::is_over): at the deadline, and before a [reception](is_reception).
 ///
 /// A character whose last bit ends before the port receives is lost. All drives have this rule; a drive with a start-up
 /// delay receives from the tick after its end on.

@@ -161,8 +161,7 @@ impl MotionInterval {
     }
 }
 
-/// A stepper motor. Its inputs are [`Input::Plan`], [`Input::Step`] and [`Input::CurrentLimit`]. The axis in
-/// these inputs is ignored.
+/// A stepper motor. It ignores [`Command::Duty`].
 #[derive(Clone, Debug)]
 pub struct StepperMotor {
     parameters: StepperParameters,
