@@ -109,6 +109,8 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     let (package, target) = (RP2350.package, RP2350.target);
     lint(&BARE, LINTED, &[])?;
     lint(&BARE, LINTED, &BOARDS.map(|board| board.package))?;
+    // A drive in somebody else's firmware (examples/embassy).
+    lint(&["md3-embassy"], LINTED, &[])?;
     lint(&[package, "drivetwin-pico"], target, &[])?;
     Ok(lint(&[package, "drivetwin-pico"], target, &[package])?)
 }
