@@ -112,8 +112,8 @@ impl<R: Receiver> ModbusPort<R> {
         })
     }
 
-    /// Notes the outcome of a message, and sends the reply `delay` after `at`. Returns the end of the reply; `None`
-    /// without a reply. `reply` has any content afterwards.
+    /// Notes the outcome of a message, and sends the reply `delay` after `at`. Returns the number of characters that it
+    /// sends, 0 without a reply. `reply` has any content afterwards.
     #[inline]
     pub fn answer(
         &self,
@@ -122,18 +122,22 @@ impl<R: Receiver> ModbusPort<R> {
         outcome: Outcome,
         reply: &mut Frame,
         out: &mut dyn Context,
-    ) -> Option<Instant> {
+    ) -> usize {
         let port = self.port;
         out.put(at, Output::Log(LogEvent::of(port, outcome)));
         if reply.is_empty() {
-            return None;
+            return 0;
         }
-        let (begin, mut characters) = (at + delay, 0);
-        self.receiver.send(reply, &mut |bytes| {
-            characters = bytes.len() as u64;
-            out.put(begin, Output::Bytes { port, bytes });
-        });
-        Some(begin + self.character * characters)
+        let message = self.receiver.message(reply);
+        let bytes = message.as_ref();
+        out.put(at + delay, Output::Bytes { port, bytes });
+        bytes.len()
+    }
+
+    /// Duration of characters on the line.
+    #[must_use]
+    pub fn duration(&self, characters: usize) -> Duration {
+        self.character * characters as u64
     }
 }
 

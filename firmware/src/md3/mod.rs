@@ -176,11 +176,11 @@ impl Md3 {
         let mut reply = Frame::new();
         let mut bus = Bus { drive: &mut self.drive, at, out };
         let Some(outcome) = self.serial.serve(unit, &RULES, &mut bus, &mut reply) else { return };
-        let end = self.serial.answer(at, Duration::ZERO, outcome, &mut reply, out);
+        let sent = self.serial.answer(at, Duration::ZERO, outcome, &mut reply, out);
         if self.drive.serial_port() != setting {
             // The reply still uses the old line settings; the next frame is received with the new ones
             // (MODBUS-5).
-            self.serial.set_line(end.unwrap_or(at), self.line(), out);
+            self.serial.set_line(at + self.serial.duration(sent), self.line(), out);
         }
     }
 

@@ -61,9 +61,9 @@ fn a_message_is_heard_and_answered_in_either_framing() {
         assert_eq!(port.deadline(), Instant::NEVER);
         let delay = Duration::millis(3);
         let (outcome, mut reply) = (Outcome::Dropped(DropReason::Crc), Frame::from_slice(&BODY).unwrap());
-        let left = port.answer(over, delay, outcome, &mut reply, &mut out).unwrap();
+        let sent = port.answer(over, delay, outcome, &mut reply, &mut out);
         assert_eq!(out.sent(RS485), [(over + delay, message.to_vec())]);
-        assert_eq!(left, over + delay + ticks(character * message.len() as u64));
+        assert_eq!(port.duration(sent), ticks(character * message.len() as u64));
         assert_eq!(out.notes, [(over, LogEvent::of(RS485, outcome))]);
     }
 }

@@ -235,8 +235,8 @@ impl Rs434 {
         let mut reply = Frame::new();
         let mut bus = Bus { drive, at, out, has_applied_coils: false };
         let Some(outcome) = serial.serve(manners.unit, &RULES, &mut bus, &mut reply) else { return };
-        let end = serial.answer(at, manners.delay, outcome, &mut reply, out);
-        if end.is_some_and(|end| drive.restart_after(end)) {
+        let sent = serial.answer(at, manners.delay, outcome, &mut reply, out);
+        if sent > 0 && drive.restart_after(at + manners.delay + serial.duration(sent)) {
             serial.mute();
         }
     }

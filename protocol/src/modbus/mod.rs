@@ -103,6 +103,9 @@ pub fn ended(line: Line, burst: &[u8], expect: Expect) -> usize {
 
 /// Receiver of the messages of a serial line in one framing. Timestamps are the *ends* of characters.
 pub trait Receiver {
+    /// A message in this framing.
+    type Message<'a>: AsRef<[u8]>;
+
     /// A receiver on a silent line.
     fn new(line: Line) -> Self;
 
@@ -128,12 +131,13 @@ pub trait Receiver {
     /// Drops the characters received so far.
     fn clear(&mut self);
 
-    /// Makes the message with an address and a PDU in the framing of this receiver, and passes it to `send`. `body` has
-    /// any content afterwards.
-    fn send(&self, body: &mut Frame, send: &mut dyn FnMut(&[u8]));
+    /// The message with `body`, an address and a PDU, in the framing of this receiver.
+    fn message<'a>(&self, body: &'a mut Frame) -> Self::Message<'a>;
 }
 
 impl Receiver for rtu::RtuReceiver {
+    type Message<'a> = &'a [u8];
+
     fn new(line: Line) -> Self {
         Self::new(line)
     }
@@ -162,9 +166,9 @@ impl Receiver for rtu::RtuReceiver {
         self.clear();
     }
 
-    fn send(&self, body: &mut Frame, send: &mut dyn FnMut(&[u8])) {
+    fn message<'a>(&self, body: &'a mut Frame) -> &'a [u8] {
         rtu::append_crc(body);
-        send(body);
+        body
     }
 }
 
@@ -177,7 +181,27 @@ pub enum RtuOrAscii {
     Ascii(ascii::AsciiReceiver),
 }
 
+/// Message to send in RTU or in ASCII.
+#[derive(Debug)]
+pub enum RtuOrAsciiMessage<'a> {
+    /// In RTU.
+    Rtu(&'a [u8]),
+    /// In ASCII.
+    Ascii(ascii::Message),
+}
+
+impl AsRef<[u8]> for RtuOrAsciiMessage<'_> {
+    fn as_ref(&self) -> &[u8] {
+        match self {
+            Self::Rtu(message) => message,
+            Self::Ascii(message) => message,
+        }
+    }
+}
+
 impl Receiver for RtuOrAscii {
+    type Message<'a> = RtuOrAsciiMessage<'a>;
+
     fn new(line: Line) -> Self {
         if ascii::is_on(line) {
             Self::Ascii(ascii::AsciiReceiver::new(line))
@@ -230,10 +254,10 @@ impl Receiver for RtuOrAscii {
         }
     }
 
-    fn send(&self, body: &mut Frame, send: &mut dyn FnMut(&[u8])) {
+    fn message<'a>(&self, body: &'a mut Frame) -> RtuOrAsciiMessage<'a> {
         match self {
-            Self::Rtu(receiver) => receiver.send(body, send),
-            Self::Ascii(_) => send(&ascii::encode(body)),
+            Self::Rtu(receiver) => RtuOrAsciiMessage::Rtu(receiver.message(body)),
+            Self::Ascii(_) => RtuOrAsciiMessage::Ascii(ascii::encode(body)),
         }
     }
 }
