@@ -487,7 +487,9 @@ fn wrong_sum(message: &Message<'_>) -> String {
 #[must_use]
 pub fn starting(left: Option<Duration>) -> String {
     let Some(left) = left.filter(|left| *left > Duration::ZERO) else { return "starting".to_owned() };
-    let milliseconds = (u128::from(left.ticks()) * 1_000).div_ceil(u128::from(TICKS_PER_SECOND));
+    // A drive receives from the tick after its start-up.
+    let ticks = u128::from((left - Duration::TICK).ticks()).max(1);
+    let milliseconds = (ticks * 1_000).div_ceil(u128::from(TICKS_PER_SECOND));
     match milliseconds {
         ..100 => format!("starting for {milliseconds} ms more"),
         // Rounded up to a tenth of a second.
