@@ -155,7 +155,7 @@ def test_a_master_has_the_port_of_the_bus(virtual):
         assert (x.uri(), x.url()) == (board.bus, "socket://" + board.bus.removeprefix("tcp:"))
         with pytest.raises(drivetwin.Error, match="has no pty"):
             x.pty
-        with serial.serial_for_url(x.url(), timeout=5) as port:
+        with serial.serial_for_url(x.url(), timeout=60) as port:
             # As with its real USB, opening the port resets a QSB, which then tells its version.
             assert port.read_until(b"\r").startswith(b"QSB-D")
 
