@@ -72,7 +72,7 @@ export function lineCard(app, name, attributes = {}) {
     update({ changes, whole }) {
       const now = bus();
       if (!now || !(whole || changes.buses?.[name] || changes.cannot)) return;
-      text(info, `${now.line ?? "TCP"} · ${now.listen.join(" · ") || "no listening address"}${now.strict ? " · strict" : ""}${now.early_requests ? ` · ${number(now.early_requests)} too early` : ""}`);
+      text(info, [now.line ?? "TCP", ...now.listen, now.strict && "strict", now.early_requests && `${number(now.early_requests)} too early`].filter(Boolean).join(" · "));
       rows.forEach(draw => draw(now.faults));
       attr(mute, "aria-checked", now.faults.mute === true);
       if (document.activeElement !== code && now.faults.exception) code.value = now.faults.exception_code;

@@ -20,13 +20,18 @@ function colourOf(number) {
 }
 
 /** A screen that understands what the view writes: places, styles, text, and clearing. */
-class Screen {
+export class Screen {
   cells = Array.from({ length: ROWS }, () => Array.from({ length: COLUMNS }, () => ({ text: " ", style: {} })));
   style = {};
   row = 0;
   column = 0;
+  rest = "";
 
-  take(words) {
+  /** Takes words in. A sequence whose end is still to come waits for it: a pty divides words anywhere. */
+  take(more) {
+    const all = this.rest + more, end = all.search(/\x1b(\[[?>0-9;]*)?$/);
+    const words = end < 0 ? all : all.slice(0, end);
+    this.rest = all.slice(words.length);
     for (const [, csi, end, , character] of words.matchAll(/\x1b\[([?>0-9;]*)([A-Za-z])|(\x1b[^[])|([^])/gu)) {
       if (end === "H") [this.row, this.column] = [0, 1].map(at => (Number(csi.split(";")[at]) || 1) - 1);
       else if (end === "J") for (const row of this.cells) row.fill({ text: " ", style: {} });

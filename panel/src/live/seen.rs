@@ -110,6 +110,8 @@ pub(super) struct DriveSeen {
     /// A bit for each pin: set if it is a light that is lit.
     lit: u64,
     motion: Option<Motion>,
+    /// Count of its encoder; `None` if it has an axis, or no register with the count.
+    count: Option<i64>,
     /// True if the cause of a fault is present.
     fault: bool,
     /// Numbers of its messages without success; `None` if it has no journal.
@@ -126,6 +128,14 @@ pub(super) fn next_light(bench: &Bench, id: DriveId) -> Instant {
     lights(bench.spec(id)).map(|pin| bench.next_edge(id, pin)).min().unwrap_or(Instant::NEVER)
 }
 
+/// Row of the register with the count of the encoder, of a drive without an axis: of a QSB that moves no motor.
+fn counter(spec: &'static Spec) -> Option<usize> {
+    spec.axes
+        .is_empty()
+        .then(|| spec.rows().find(|(_, of)| of.name == "ReadEncoder").map(|(row, _)| row))
+        .flatten()
+}
+
 impl DriveSeen {
     fn of(bench: &Bench, id: DriveId) -> Self {
         let spec = bench.spec(id);
@@ -133,6 +143,7 @@ impl DriveSeen {
             powered: bench.powered(id),
             lit: lit(spec, |pin| bench.level(id, pin)),
             motion: spec.axes.first().map(|_| bench.motion(id, Axis(0))),
+            count: counter(spec).filter(|_| !bench.is_elsewhere(id)).map(|row| bench.peek(id, row)),
             fault: (0..).map(Fault).zip(spec.faults).any(|(fault, _)| bench.faulty(id, fault)),
             failures: (!bench.is_elsewhere(id)).then(|| bench.failures(id)),
         }
@@ -143,6 +154,7 @@ impl DriveSeen {
             powered: state.powered,
             lit: lit(spec, |pin| state.level(pin)),
             motion: state.motion,
+            count: None,
             fault: state.faults.contains(&true),
             failures: None,
         }
@@ -164,6 +176,9 @@ impl DriveSeen {
             drive["moving"] = motion.moving.into();
             drive["position"] = motion.position.into();
             drive["speed"] = motion.speed.to_num::<f64>().into();
+        }
+        if let Some(count) = self.count {
+            drive["count"] = count.into();
         }
         if let Some(Failures { refused, unanswered }) = self.failures {
             drive["refused"] = refused.into();

@@ -1,6 +1,6 @@
 use std::time::Duration;
 
-use drivetwin_firmware::device::{Device as _, Fault, Pin, Port};
+use drivetwin_firmware::device::{Device as _, Encoder, Fault, Pin, Port};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::motor::stepper::StepperParameters;
 use drivetwin_protocol::modbus::rtu;
@@ -89,7 +89,8 @@ fn the_first_update_is_whole() {
     assert_eq!(state["drives"]["y"], still);
     assert_eq!(
         state["drives"]["q"],
-        json!({"index": 2, "kind": "qsb-d", "powered": true, "lit": "", "fault": false, "refused": 0, "unanswered": 0})
+        json!({"index": 2, "kind": "qsb-d", "powered": true, "lit": "", "fault": false, "count": 0,
+            "refused": 0, "unanswered": 0})
     );
     assert_eq!(state["motors"]["m"]["drive"], "x");
     assert_eq!(state["motors"]["m"]["revolutions"], 0.0);
@@ -97,6 +98,22 @@ fn the_first_update_is_whole() {
     assert_eq!(state["buses"]["x.rs485"]["drives"], json!(["x"]));
     assert_eq!(state["buses"]["x.rs485"]["faults"]["drop"], 0.0);
     assert!(state.get("drive").is_none());
+}
+
+#[test]
+fn an_adapter_without_an_axis_has_the_count_of_its_encoder() {
+    let mut bench = Bench::new();
+    let adapter = add(&mut bench, "q", "qsb-d");
+    add(&mut bench, "m", "qsb-m");
+    bench.run_until(1.secs());
+    let mut reader = Reader::new(None);
+    reader.look(&bench);
+    assert!(reader.state["drives"]["m"].get("count").is_none(), "it has a position");
+    // From the factory a QSB counts four edges a cycle, and 0 follows 499.
+    bench.encoder(adapter, Encoder(0), 30, 1000.0).expect("an encoder that stands");
+    bench.run_until(2.secs());
+    let patch = reader.look(&bench).and_then(|update| update.state).expect("a change");
+    assert_eq!(patch["drives"], json!({"q": {"count": 30}}));
 }
 
 #[test]
