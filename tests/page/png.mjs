@@ -32,8 +32,8 @@ function pixels(header, data) {
     const filter = lines[y * (stride + 1)], line = Buffer.from(lines.subarray(y * (stride + 1) + 1, (y + 1) * (stride + 1)));
     for (let x = 0; x < stride; x++) {
       const a = x < of ? 0 : line[x - of], b = above[x], c = x < of ? 0 : above[x - of], p = a + b - c;
-      const paeth = Math.abs(p - a) <= Math.abs(p - b) && Math.abs(p - a) <= Math.abs(p - c) ? a : Math.abs(p - b) <= Math.abs(p - c) ? b : c;
-      line[x] += [0, a, b, (a + b) >> 1, paeth][filter];
+      const nearest = Math.abs(p - a) <= Math.abs(p - b) && Math.abs(p - a) <= Math.abs(p - c) ? a : Math.abs(p - b) <= Math.abs(p - c) ? b : c;
+      line[x] += [0, a, b, (a + b) >> 1, nearest][filter];
     }
     for (let x = 0; x < width; x++) out[y * width + x] = (line[x * of] << 16) | (line[x * of + 1] << 8) | line[x * of + 2];
     above = line;
