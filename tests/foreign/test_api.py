@@ -402,7 +402,7 @@ def test_what_is_live_is_what_the_calls_tell(run):
         client.update()
     assert live.state["drives"]["md3"] == {
         "index": 0, "kind": "md3", "powered": True, "lit": live.state["drives"]["md3"]["lit"],
-        "fault": False, "moving": False, "position": 0, "speed": 0.0,
+        "fault": False, "moving": False, "position": 0, "speed": 0.0, "refused": 0, "unanswered": 0,
     }
     with drivetwin.socket() as line:
         assert ask(line, MOVE, len(MOVE)) == MOVE
