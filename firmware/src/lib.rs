@@ -59,9 +59,9 @@ macro_rules! devices {
             $crate::qsb::Qsb::d,
             $crate::qsb::Qsb::m,
             $crate::qsb::Qsb::s,
-            $crate::rs434::rs434544,
-            $crate::rs434::rs434546,
-            $crate::mdrobot::mdrobot,
+            $crate::rs434::Rs434::rs434544,
+            $crate::rs434::Rs434::rs434546,
+            $crate::mdrobot::Mdrobot::md400,
             $crate::mdrive::Mdrive::plus,
             $crate::mdrive::Mdrive::hybrid,
         }
