@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`counter`] | counters of edges: the LS7366R |
+//! | [`debounce`] | debouncing and delays of inputs |
 //! | [`device`] | the contract between a drive and the world: read this first |
 //! | [`md3`] | US Digital MD3, stepper drive |
 //! | [`mdrive`] | MDrivePlus and MDrive Hybrid, stepper motors with Ethernet |
@@ -34,6 +35,7 @@
 extern crate std;
 
 pub mod counter;
+pub mod debounce;
 pub mod device;
 pub mod md3;
 pub mod mdrive;
