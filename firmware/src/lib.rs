@@ -3,6 +3,7 @@
 //! | module | what it holds |
 //! |---|---|
 //! | [`counter`] | counters of edges: the LS7366R |
+//! | [`debounce`] | debouncing and delays of inputs |
 //! | [`device`] | the contract between a drive and the world: read this first |
 //! | [`md3`] | US Digital MD3, stepper drive |
 //! | [`mdrive`] | MDrivePlus and MDrive Hybrid, stepper motors with Ethernet |
@@ -34,6 +35,7 @@
 extern crate std;
 
 pub mod counter;
+pub mod debounce;
 pub mod device;
 pub mod md3;
 pub mod mdrive;
@@ -59,9 +61,9 @@ macro_rules! devices {
             $crate::qsb::Qsb::d,
             $crate::qsb::Qsb::m,
             $crate::qsb::Qsb::s,
-            $crate::rs434::rs434544,
-            $crate::rs434::rs434546,
-            $crate::mdrobot::mdrobot,
+            $crate::rs434::Rs434::rs434544,
+            $crate::rs434::Rs434::rs434546,
+            $crate::mdrobot::Mdrobot::md400,
             $crate::mdrive::Mdrive::plus,
             $crate::mdrive::Mdrive::hybrid,
         }

@@ -70,6 +70,23 @@ pub fn load_without(entries: &Entries, later: &[usize], memory: &[u8], bank: &mu
     }
 }
 
+/// Resets the values that no save can have stored, because the memory may come from another model or another device: those
+/// that their row does not accept, and those for which `is_possible` (index of the row, value) is false.
+pub fn reset_impossible(entries: &Entries, bank: &mut [u16], is_possible: impl Fn(usize, i64) -> bool) {
+    for (row, entry) in entries.list.iter().enumerate() {
+        let value = entries.value(bank, row);
+        if !(entry.accepts(value) && is_possible(row, value)) {
+            entries.put(bank, row, entry.reset);
+        }
+    }
+}
+
+/// Saves the image of a bank at the beginning of the memory at once, for a preset before power-on. The image and its CRC take
+/// `BYTES` bytes ([`bytes`]).
+pub fn save_at_once<const BYTES: usize>(entries: &Entries, bank: &[u16], at: Instant, out: &mut dyn Context) {
+    Save::of_rows::<BYTES>(entries, bank, at, Duration::ZERO, out).finish(at, out);
+}
+
 /// Size in bytes of a memory of two copies of `words` saved words.
 #[must_use]
 pub const fn two_copies(words: usize) -> u16 {
@@ -182,6 +199,48 @@ impl Save {
     }
 }
 
+/// The save in progress, if there is one. After a power failure there is none.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub struct PendingSave(Option<Save>);
+
+impl PendingSave {
+    /// No save is in progress.
+    pub const NONE: Self = Self(None);
+
+    /// Begins a save, which replaces the one in progress.
+    pub fn begin(&mut self, save: Save) {
+        self.0 = Some(save);
+    }
+
+    /// Returns true if a save is in progress.
+    #[must_use]
+    pub fn is_running(&self) -> bool {
+        self.0.is_some()
+    }
+
+    /// Time at which the save in progress is complete.
+    #[must_use]
+    pub fn due(&self) -> Instant {
+        self.0.map_or(Instant::NEVER, Save::due)
+    }
+
+    /// Finishes a save that is due. Returns true if there was one.
+    pub fn timeout(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+        let is_due = self.due() <= at;
+        if is_due {
+            self.finish(at, out);
+        }
+        is_due
+    }
+
+    /// Finishes the save in progress, for instance before a restart.
+    pub fn finish(&mut self, at: Instant, out: &mut dyn Context) {
+        if let Some(save) = self.0.take() {
+            save.finish(at, out);
+        }
+    }
+}
+
 /// A CRC that differs from `crc`.
 fn wrong(crc: [u8; 2]) -> [u8; 2] {
     crc.map(|byte| !byte)
@@ -215,6 +274,16 @@ mod tests {
             Speed = rw(2, "3").u32().reset(0xA1A2_A3A4).saved(),
             /// Four of its bits are saved.
             Pins = rw(4, "4").reset(0xF).saved_bits(0xF0),
+        }
+    }
+
+    drivetwin_protocol::registers! {
+        /// Rows that do not accept every word.
+        enum Narrow: HighFirst {
+            /// At most 9.
+            Level = rw(0, "1").range(0, 9).reset(3).saved(),
+            /// Any word.
+            Code = rw(1, "2").reset(4).saved(),
         }
     }
 
@@ -285,6 +354,47 @@ mod tests {
         assert_eq!(content(&out.memory, WORDS), Content::Good);
         assert!(!is_unfinished(&out.memory, WORDS));
         assert!(!is_unfinished(&[0xFF; BYTES], WORDS) && !is_unfinished(&[0; 3], WORDS));
+    }
+
+    #[test]
+    fn a_pending_save_ends_when_it_is_due_or_before_a_restart() {
+        let bank: Bank<Reg, { Reg::WORDS }> = Bank::factory();
+        let mut out = recorder(BYTES);
+        let mut pending = PendingSave::NONE;
+        assert_eq!((pending.is_running(), pending.due()), (false, Instant::NEVER));
+        pending.finish(START, &mut out);
+        assert!(!pending.timeout(START, &mut out) && out.stores.is_empty(), "there is no save");
+        pending.begin(Save::of_rows::<BYTES>(Reg::ENTRIES, bank.words(), START, TIME, &mut out));
+        assert_eq!((pending.is_running(), pending.due()), (true, START + TIME));
+        assert!(!pending.timeout(START + TIME - Duration::TICK, &mut out));
+        assert_eq!(content(&out.memory, WORDS), Content::Bad);
+        assert!(pending.timeout(START + TIME, &mut out));
+        assert_eq!((pending.is_running(), out.memory.clone()), (false, sealed(&FACTORY)));
+        // A restart finishes a save that is not due yet.
+        pending.begin(Save::of_rows::<BYTES>(Reg::ENTRIES, bank.words(), START, TIME, &mut out));
+        pending.finish(START, &mut out);
+        assert_eq!((pending.is_running(), out.memory), (false, sealed(&FACTORY)));
+    }
+
+    #[test]
+    fn a_preset_is_saved_at_once() {
+        let bank: Bank<Reg, { Reg::WORDS }> = Bank::factory();
+        let mut out = recorder(BYTES);
+        save_at_once::<BYTES>(Reg::ENTRIES, bank.words(), START, &mut out);
+        assert_eq!((stored_at(&out), out.memory), (START, sealed(&FACTORY)));
+    }
+
+    #[test]
+    fn impossible_values_become_factory_values() {
+        let mut bank: Bank<Narrow, { Narrow::WORDS }> = Bank::factory();
+        bank.set(Narrow::Level, 10);
+        bank.set(Narrow::Code, 5);
+        reset_impossible(Narrow::ENTRIES, bank.words_mut(), |_, _| true);
+        assert_eq!([Narrow::Level, Narrow::Code].map(|row| bank.get(row)), [3, 5], "10 is out of range");
+        reset_impossible(Narrow::ENTRIES, bank.words_mut(), |row, value| {
+            (row, value) != (Narrow::Code.row(), 5)
+        });
+        assert_eq!([Narrow::Level, Narrow::Code].map(|row| bank.get(row)), [3, 4]);
     }
 
     #[test]

@@ -14,7 +14,7 @@ use std::hint::black_box;
 
 use drivetwin_firmware::device::{Boot, Context, Device, Duration, Instant, Output};
 use drivetwin_firmware::rs434::program::image;
-use drivetwin_firmware::rs434::{MEMORY, rs434544};
+use drivetwin_firmware::rs434::{MEMORY, Rs434};
 
 use programs::{JMP_1, MOV_AX_0, Program};
 use support::{line, took};
@@ -49,7 +49,7 @@ fn start(work: &Work) -> (Box<dyn Device>, World) {
     let image = image(work.program.lines.iter().copied());
     let mut world = World { memory: vec![0xFF; MEMORY] };
     world.memory[MEMORY - image.len()..].copy_from_slice(&image);
-    let mut drive: Box<dyn Device> = black_box(Box::new(rs434544()));
+    let mut drive: Box<dyn Device> = black_box(Box::new(Rs434::rs434544()));
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, &mut world);
     drive.timeout(Instant::ZERO, &mut world);
     let at = Instant::from(Duration::secs(1));

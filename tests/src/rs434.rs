@@ -2,7 +2,7 @@
 //! stimuli for every pin.
 
 use drivetwin_firmware::device::{Axis, Device, Fault, Level, Pin};
-use drivetwin_firmware::rs434::{rs434544, rs434546};
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, DriveId, Motion, PinStimulus, PowerAction, Settings, Setup};
@@ -164,8 +164,8 @@ pub type Exception = u8;
 #[must_use]
 pub fn make(kind: &str) -> Box<dyn Device> {
     match kind {
-        "rs434544" => Box::new(rs434544()),
-        "rs434546" => Box::new(rs434546()),
+        "rs434544" => Box::new(Rs434::rs434544()),
+        "rs434546" => Box::new(Rs434::rs434546()),
         _ => panic!("there is no {kind}"),
     }
 }

@@ -6,7 +6,7 @@
 use drivetwin_firmware::device::{Device, Framing, Port};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::qsb::Qsb;
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
 use drivetwin_sim::bench::{Bench, Client, DriveId, Ended, PowerAction, Settings, Setup};
@@ -63,7 +63,7 @@ fn set_line_faults(bench: &mut Bench, seat: DriveId, faults: LineFaults) {
 
 /// An RS that uses ASCII: TYPE_MODBUS 1 is 7E1, BITRATE_MODBUS 4 is 9,600 (6.4).
 fn rs_ascii() -> (Bench, DriveId, Client) {
-    ready(LineMode::Timed, Box::new(rs434544()), &[("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)])
+    ready(LineMode::Timed, Box::new(Rs434::rs434544()), &[("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)])
 }
 
 /// Request for SPEED, and the reply, 1,000. LRC: 01 + 03 + 50 + 0B + 00 + 01 = 60h, and 60h + A0h = 100h.
@@ -118,7 +118,7 @@ fn times_on_an_ascii_line() {
 fn collided_characters_have_the_data_bits_of_the_line() {
     let mut bench = Bench::with(settings(1, LineMode::Timed));
     let ascii = [("TYPE_MODBUS", 1), ("BITRATE_MODBUS", 4)];
-    let seats = ["x", "y"].map(|name| (seat(&mut bench, name, Box::new(rs434544()), &ascii), PORT));
+    let seats = ["x", "y"].map(|name| (seat(&mut bench, name, Box::new(Rs434::rs434544()), &ascii), PORT));
     let bus = bench.share("line1", &seats);
     bench.set_collisions(bus, true);
     let client = bench.connect(bus);
@@ -137,7 +137,7 @@ fn collided_characters_have_the_data_bits_of_the_line() {
 /// "A character of wrong parity sets bit 14" (RS434-5), on the RS's factory line of 115,200 8E1.
 #[test]
 fn an_rs_finds_a_wrong_parity() {
-    let (mut bench, x, client) = ready(LineMode::Timed, Box::new(rs434544()), &[]);
+    let (mut bench, x, client) = ready(LineMode::Timed, Box::new(Rs434::rs434544()), &[]);
     let read_error = |bench: &mut Bench| {
         set_line_faults(bench, x, QUIET);
         let request = [&[1, 3], &rs434::at::ERROR.to_be_bytes()[..], &[0, 1]].concat();
@@ -185,7 +185,7 @@ fn commands_of_a_qsb_are_disturbed_as_they_were_written() {
 fn what_a_line_cannot_have_is_refused_in_a_sentence() {
     let forced = LineFaults { exception: FaultRule::rate(0.5), ..QUIET };
     let elsewhere = LineFaults { wrong_address: FaultRule::rate(0.5), ..QUIET };
-    for device in [Box::new(Md3::new()) as Box<dyn Device>, Box::new(rs434544()), Box::new(Qsb::s())] {
+    for device in [Box::new(Md3::new()) as Box<dyn Device>, Box::new(Rs434::rs434544()), Box::new(Qsb::s())] {
         let port = &device.spec().ports[0];
         let modbus = port.framing == Framing::Silence;
         assert_eq!(forced.check_for(port).is_ok(), modbus, "{}", device.spec().kind);
@@ -206,7 +206,7 @@ fn scene(seed: u64, line: LineMode, order: [usize; 4]) -> String {
         let (device, address): (Box<dyn Device>, &[_]) = match place {
             0 => (Box::new(Md3::new()), &[("DeviceAddress", 1)]),
             1 => (Box::new(Md3::new()), &[("DeviceAddress", 2)]),
-            2 => (Box::new(rs434544()), &[]),
+            2 => (Box::new(Rs434::rs434544()), &[]),
             _ => (Box::new(Qsb::m()), &[]),
         };
         seats[place] = Some(seat(&mut bench, NAMES[place], device, address));
@@ -310,7 +310,9 @@ fn a_master_that_asks_again_gets_every_answer() {
         "rs" => rs434::at::SPEED,
         _ => md3::at::SPEED + 1,
     };
-    for (name, device) in [("md3", Box::new(Md3::new()) as Box<dyn Device>), ("rs", Box::new(rs434544()))] {
+    for (name, device) in
+        [("md3", Box::new(Md3::new()) as Box<dyn Device>), ("rs", Box::new(Rs434::rs434544()))]
+    {
         let (mut bench, x, client) = ready(LineMode::Timed, device, &[]);
         set_line_faults(&mut bench, x, faults);
         let mut tries = 0;

@@ -3,7 +3,7 @@
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Instant};
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_firmware::testing::{Fixture, Treatment};
 use drivetwin_protocol::time::Span;
@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 /// A controller that has been on for half a second after its start-up.
 fn controller() -> Fixture<impl Device> {
-    let mut dut = Fixture::new(mdrobot()).ruled(|_| Treatment::Ignore).ready();
+    let mut dut = Fixture::new(Mdrobot::md400()).ruled(|_| Treatment::Ignore).ready();
     dut.wait(Duration::millis(500));
     dut
 }
@@ -112,7 +112,7 @@ impl Other {
     fn new((hall_type, motor): (i64, Parameters)) -> Self {
         let mut bench = Bench::with(Settings { line: LineMode::Fast, ..Settings::default() });
         let setup = Setup { external_motor: true, ..Setup::default() };
-        let seat = bench.add_with("x", Box::new(mdrobot()), setup).unwrap();
+        let seat = bench.add_with("x", Box::new(Mdrobot::md400()), setup).unwrap();
         let motor = bench.attach_motor("m", seat, Axis(0), MotorModel::Brush(motor)).unwrap();
         // Blocks the shaft, because the load would turn it while the drive starts.
         bench.fault(seat, held(&bench, seat), true);

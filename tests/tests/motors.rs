@@ -7,7 +7,7 @@ use drivetwin_firmware::md3::{Md3, Reg, motion_control};
 use drivetwin_firmware::motor;
 use drivetwin_firmware::motor::stepper::StepperParameters;
 use drivetwin_firmware::qsb::Qsb;
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 use drivetwin_sim::bench::{
@@ -24,7 +24,7 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     match kind {
         "md3" => Some(Box::new(Md3::new())),
         "qsb-m" => Some(Box::new(Qsb::m())),
-        "rs434544" => Some(Box::new(rs434544())),
+        "rs434544" => Some(Box::new(Rs434::rs434544())),
         _ => None,
     }
 }
@@ -294,7 +294,7 @@ type Edge = (u64, Pin, bool);
 
 /// Index of a register of an RS drive.
 fn row(name: &str) -> usize {
-    rs434544().spec().find(name).expect("the manual has that register").row
+    Rs434::rs434544().spec().find(name).expect("the manual has that register").row
 }
 
 /// Runs the script on an RS drive with some registers preset. Returns the bench, the answers with the motion
@@ -302,7 +302,7 @@ fn row(name: &str) -> usize {
 fn rs_drive(external_motor: bool, presets: &[(usize, i64)]) -> (Bench, Vec<Vec<u8>>, Vec<Edge>) {
     let mut bench = Bench::with(Settings { trace: Retention::All, ..Settings::default() });
     let setup = Setup { external_motor, presets: presets.to_vec(), ..Setup::default() };
-    let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
+    let drive = bench.add_with("d", Box::new(Rs434::rs434544()), setup).unwrap();
     assert_eq!(bench.detached_motor(drive).is_some(), external_motor);
     if let Some(parameters) = bench.detached_motor(drive) {
         bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
@@ -369,7 +369,7 @@ fn an_rs_drive_holds_the_speed_that_its_sensors_count() {
     {
         let mut bench = Bench::new();
         let setup = Setup { external_motor: true, ..Setup::default() };
-        let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
+        let drive = bench.add_with("d", Box::new(Rs434::rs434544()), setup).unwrap();
         assert_eq!(bench.detached_motor(drive), Some(factory));
         let parameters = motor::Parameters { hall_pulses, no_load_rpm, ..factory };
         let motor = bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
@@ -395,7 +395,7 @@ fn a_motor_of_other_parameters_turns_otherwise() {
     for inertia_gcm2 in [motor::Parameters::NOMINAL.inertia_gcm2, 100_000] {
         let mut bench = Bench::new();
         let setup = Setup { external_motor: true, ..Setup::default() };
-        let drive = bench.add_with("d", Box::new(rs434544()), setup).unwrap();
+        let drive = bench.add_with("d", Box::new(Rs434::rs434544()), setup).unwrap();
         let parameters = motor::Parameters { inertia_gcm2, ..bench.detached_motor(drive).unwrap() };
         let motor = bench.attach_motor("m", drive, AXIS, MotorModel::Brush(parameters)).unwrap();
         bench.run_until(600.millis());

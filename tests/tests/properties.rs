@@ -51,7 +51,7 @@ struct Subject {
 /// Every drive with factory settings, and one drive that uses ASCII.
 fn subjects() -> impl Iterator<Item = Subject> {
     let ascii = Subject {
-        make: || Box::new(drivetwin_firmware::rs434::rs434544()),
+        make: || Box::new(drivetwin_firmware::rs434::Rs434::rs434544()),
         // 7 data bits, even parity (6.4).
         saved: Some(("TYPE_MODBUS", 1)),
     };

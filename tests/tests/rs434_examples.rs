@@ -2,7 +2,7 @@
 //! `docs/reference/rs434-programs.md` says about the language.
 
 use drivetwin_firmware::device::{Device, Instant};
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_protocol::time::{Duration, Span};
 use drivetwin_sim::bench::{Bench, DriveId, PinStimulus, Setup};
 use drivetwin_sim::rsasm::{self, Image};
@@ -28,7 +28,7 @@ struct Rig {
 impl Rig {
     fn new(source: &str) -> Self {
         let program = rsasm::assemble(source).unwrap_or_else(|error| panic!("{error}"));
-        let drive = rs434544();
+        let drive = Rs434::rs434544();
         let autostart = drive.spec().find("MODE_USER_PROGRAM").unwrap().row;
         let memory = Some(Image::of(&program).memory());
         let setup = Setup { memory, presets: vec![(autostart, 3)], ..Setup::default() };

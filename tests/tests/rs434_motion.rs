@@ -3,7 +3,7 @@
 #![allow(missing_docs, reason = "a test")]
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Instant};
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_firmware::testing::{Fixture, Treatment};
 use proptest::prelude::*;
 
@@ -19,7 +19,7 @@ proptest! {
         let size = a_second.max(1.0).powf(part).round() as i64;
         let counts = if back { -size } else { size };
 
-        let mut dut = Fixture::new(rs434544()).ruled(|_| Treatment::Ignore).ready();
+        let mut dut = Fixture::new(Rs434::rs434544()).ruled(|_| Treatment::Ignore).ready();
         dut.wait(Duration::millis(1));
         for (name, value) in [
             ("RATED_SPEED", rated), ("PULSES_PER_REVOLUTION", pulses), ("REF_CURRENT", current), ("SPEED", speed),

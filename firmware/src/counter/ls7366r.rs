@@ -20,7 +20,7 @@ mod spi;
 mod tests;
 
 use self::count::{Count, Cycle, Halt};
-use super::{Channel, Filter};
+use super::{Channel, Filter, next_is_a};
 use crate::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 pub use spi::Transmission;
@@ -149,8 +149,8 @@ impl Ls7366r {
             self.raise(flags);
         }
         for _ in 0..steps - 4 * cycles {
-            let even = self.levels == 0 || self.levels == A | B;
-            self.change(if even == forward { Channel::A } else { Channel::B });
+            let next_is_a = next_is_a(forward, self.levels & A != 0, self.levels & B != 0);
+            self.change(if next_is_a { Channel::A } else { Channel::B });
         }
         self.levels = levels(a, b);
         self.settle();

@@ -14,7 +14,7 @@
 
 use drivetwin_protocol::registers::{Bank, Register};
 
-use super::eeprom::{Eeprom, SAVE};
+use super::eeprom::Eeprom;
 use super::encoder::Encoder;
 use super::motion::Motion;
 use super::motor::Motor;
@@ -27,7 +27,7 @@ use super::registers::{
 use super::startup::{Lights, Startup};
 use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
 use crate::device::{self, Context, Duration, Instant, Level, Output, PresetError, REPORTS_REASONS};
-use crate::memory::Save;
+use crate::memory;
 
 /// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -298,7 +298,7 @@ impl Drive {
                 return Err(PresetError::BadMemory);
             }
             self.bank.set(reg, value);
-            Save::of_rows::<MEMORY>(Reg::ENTRIES, self.bank.words(), at, SAVE, out).finish(at, out);
+            memory::save_at_once::<MEMORY>(Reg::ENTRIES, self.bank.words(), at, out);
         } else {
             self.bank.set(reg, value);
             self.written(at, reg, out);

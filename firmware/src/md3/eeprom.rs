@@ -6,32 +6,32 @@ use super::MEMORY;
 use super::reasons::Why;
 use super::registers::{Reg, eeprom_control};
 use crate::device::{Context, Duration, Instant};
-use crate::memory::{self, Content, Save};
+use crate::memory::{self, Content, PendingSave, Save};
 
 /// Duration of a save (7.20 does not give it; MD3-12).
-pub(super) const SAVE: Duration = Duration::millis(20);
+const SAVE: Duration = Duration::millis(20);
 
 /// State of the EEPROM.
 #[derive(Clone, Debug)]
 pub(super) struct Eeprom {
     /// CRC status: the high byte of `EEPROMControl`.
     status: u16,
-    save: Option<Save>,
+    save: PendingSave,
 }
 
 impl Eeprom {
     pub(super) fn new() -> Self {
-        Self { status: eeprom_control::PASS, save: None }
+        Self { status: eeprom_control::PASS, save: PendingSave::NONE }
     }
 
     /// Value of `EEPROMControl` when read.
     pub(super) fn control(&self) -> u16 {
-        self.status | if self.save.is_some() { eeprom_control::WRITE } else { 0 }
+        self.status | if self.save.is_running() { eeprom_control::WRITE } else { 0 }
     }
 
     /// Returns true if a save is running.
     pub(super) fn is_saving(&self) -> bool {
-        self.save.is_some()
+        self.save.is_running()
     }
 
     /// Loads the saved registers. A new memory gives the factory values; a bad memory leaves the registers
@@ -53,24 +53,21 @@ impl Eeprom {
     /// # Errors
     /// A save is running already.
     pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Context) -> Result<(), Why> {
-        if self.save.is_some() {
+        if self.save.is_running() {
             return Err(Why::Saves);
         }
-        self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
+        self.save.begin(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
         Ok(())
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, Save::due)
+        self.save.due()
     }
 
     /// Ends a save that is due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(save) = self.save
-            && save.due() <= at
-        {
-            save.finish(at, out);
-            (self.save, self.status) = (None, 0);
+        if self.save.timeout(at, out) {
+            self.status = 0;
         }
     }
 }

@@ -27,7 +27,7 @@
 #[cfg(test)]
 mod tests;
 
-use crate::counter::{Channel, Filter};
+use crate::counter::{Channel, Filter, a_leads, next_is_a};
 use drivetwin_protocol::time::{Duration, Instant, TICKS_PER_SECOND};
 
 /// Bits of QuadratureEncoderConfiguration (7.11); gating is 5:4, the filter's frequency 8:6.
@@ -153,7 +153,7 @@ impl Encoder {
 
     /// The channel with the next edge if the shaft turns further; `forward` means that A leads B.
     fn next(&self, forward: bool) -> Channel {
-        if (self.a == self.b) == forward { Channel::A } else { Channel::B }
+        if next_is_a(forward, self.a, self.b) { Channel::A } else { Channel::B }
     }
 
     /// Inverts the level of a channel after the filter, and counts the edge.
@@ -161,11 +161,11 @@ impl Encoder {
         match channel {
             Channel::A => {
                 self.a = !self.a;
-                self.count_edge(self.a != self.b, self.decoding.counts_a);
+                self.count_edge(a_leads(true, self.a, self.b), self.decoding.counts_a);
             }
             Channel::B => {
                 self.b = !self.b;
-                self.count_edge(self.a == self.b, self.decoding.counts_b);
+                self.count_edge(a_leads(false, self.a, self.b), self.decoding.counts_b);
             }
             Channel::Index => {
                 self.index = !self.index;

@@ -157,12 +157,6 @@ static RULES: Rules = Rules {
     read_only: Exception::IllegalDataAddress,
 };
 
-/// An MD400 with a motor, without power.
-#[must_use]
-pub fn mdrobot() -> DriveWithMotor<Mdrobot> {
-    DriveWithMotor::new(Mdrobot::new())
-}
-
 /// An MD400 without its motor.
 #[derive(Clone, Debug)]
 pub struct Mdrobot {
@@ -171,6 +165,12 @@ pub struct Mdrobot {
 }
 
 impl Mdrobot {
+    /// An MD400 with a motor, without power.
+    #[must_use]
+    pub fn md400() -> DriveWithMotor<Self> {
+        DriveWithMotor::new(Self::new())
+    }
+
     // Inlined, so that the value is built in place: a copy takes space on a board's stack.
     #[inline(always)]
     fn new() -> Self {

@@ -30,16 +30,10 @@ impl Drive {
         } else if let Some(later) = [&[][..], &later].into_iter().find(|later| is_image(later)) {
             memory::load_without(Pid::ENTRIES, later, out.memory(), self.bank.words_mut());
         }
-        // The memory may come from elsewhere and hold values that no write could have stored. They become
-        // factory values.
-        for (row, entry) in Pid::ENTRIES.list.iter().enumerate() {
-            let value = Pid::ENTRIES.value(self.bank.words(), row);
-            let written = Pid::from_row(row)
-                .is_some_and(|pid| Self::validate(pid, value).is_ok() && stored_value(pid, value) == value);
-            if !(written && entry.accepts(value)) {
-                Pid::ENTRIES.put(self.bank.words_mut(), row, entry.reset);
-            }
-        }
+        memory::reset_impossible(Pid::ENTRIES, self.bank.words_mut(), |row, value| {
+            Pid::from_row(row)
+                .is_some_and(|pid| Self::validate(pid, value).is_ok() && stored_value(pid, value) == value)
+        });
     }
 
     /// Saves all values that are saved, at once.

@@ -14,7 +14,7 @@ use super::stream::{self, Streams};
 use super::{A, B, I, Words};
 use crate::counter::{Channel, Ls7366r, status};
 use crate::device::{Boot, Context, Duration, Input, Instant, LOGIC_HIGH_MV};
-use crate::memory::Save;
+use crate::memory::PendingSave;
 
 /// Time from a reset to the banner; the list of commands does not specify it (QSB-6).
 const STARTUP: Duration = Duration::millis(50);
@@ -66,7 +66,7 @@ pub(super) struct Adapter {
     pub(super) pulse: Option<Instant>,
     pub(super) streams: Streams,
     pub(super) motor: Motor,
-    pub(super) save: Option<Save>,
+    pub(super) save: PendingSave,
 }
 
 impl Adapter {
@@ -86,7 +86,7 @@ impl Adapter {
             pulse: None,
             streams: Streams::new(),
             motor: Motor::new(at),
-            save: None,
+            save: PendingSave::NONE,
         }
     }
 
@@ -107,7 +107,7 @@ impl Adapter {
         if !self.has_run() {
             return;
         }
-        self.finish_save(at, out);
+        self.save.finish(at, out);
         self.motor.deactivate(at, out);
         let motor = self.motor.clone();
         self.serial.clear();
@@ -176,7 +176,7 @@ impl Adapter {
         let counter = if self.watches_counter() { self.counter.deadline() } else { Instant::NEVER };
         starting
             .min(counter)
-            .min(self.save_due())
+            .min(self.save.due())
             .min(self.pulse_due())
             .min(self.motor.deadline())
             .min(self.stream_due())
@@ -184,9 +184,7 @@ impl Adapter {
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         self.catch_up(at, out);
-        if self.save_due() <= at {
-            self.finish_save(at, out);
-        }
+        self.save.timeout(at, out);
         if self.pulse_due() <= at {
             self.end_pulse(at, out);
         }

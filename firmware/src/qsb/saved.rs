@@ -24,7 +24,7 @@ impl Adapter {
     pub(super) fn stored(&self, out: &dyn Context) -> Words {
         let mut words = Bank::factory();
         // While a save runs, its image is stored already, and only the check sum is missing.
-        if self.save.is_some() || memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Good {
+        if self.save.is_running() || memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Good {
             memory::load(Reg::ENTRIES, out.memory(), words.words_mut());
         } else if is_older(out.memory()) {
             let later = LATER.map(Register::row);
@@ -50,18 +50,7 @@ impl Adapter {
     }
 
     fn store(&mut self, at: Instant, words: &Words, out: &mut dyn Context) {
-        self.save = Some(Save::of_rows::<MEMORY>(Reg::ENTRIES, words.words(), at, SAVE, out));
-    }
-
-    pub(super) fn save_due(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, Save::due)
-    }
-
-    /// Ends the running save.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(save) = self.save.take() {
-            save.finish(at, out);
-        }
+        self.save.begin(Save::of_rows::<MEMORY>(Reg::ENTRIES, words.words(), at, SAVE, out));
     }
 
     /// Presets a value before power-on, with the same effect as a save.
@@ -77,7 +66,7 @@ impl Adapter {
         }
         let mut words = self.stored(out);
         words.set(reg, value);
-        Save::of_rows::<MEMORY>(Reg::ENTRIES, words.words(), at, SAVE, out).finish(at, out);
+        memory::save_at_once::<MEMORY>(Reg::ENTRIES, words.words(), at, out);
         Ok(())
     }
 }

@@ -27,7 +27,7 @@ use super::servo::Servo;
 use super::startup::{Clearing, Lights};
 use super::thermal::{Part, Thermal};
 use crate::device::{Boot, Context, Duration, Instant, Line, PresetError};
-use crate::memory::Save;
+use crate::memory::PendingSave;
 use crate::motor::Parameters;
 
 /// State of the drive, from power-on to ready.
@@ -64,7 +64,7 @@ pub(super) struct Drive {
     /// State of the random numbers of TASK_COUNTER.
     random: u64,
     pub(super) bank: Words,
-    pub(super) save: Option<Save>,
+    pub(super) save: PendingSave,
     /// Time of the restart requested by FLAG_RESTART.
     pub(super) restart_due: Instant,
 
@@ -94,7 +94,7 @@ impl Drive {
             state: State::Off,
             fast: false,
             random: 0,
-            save: None,
+            save: PendingSave::NONE,
             restart_due: Instant::NEVER,
             errors: Errors::NONE,
             thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
@@ -121,8 +121,8 @@ impl Drive {
 
     /// Restarts the drive: finishes saves and keeps the states of the inputs.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
-        self.finish_save(at, out);
-        self.program.finish_save(at, out);
+        self.save.finish(at, out);
+        self.program.save.finish(at, out);
         self.begin(at, out);
     }
 
@@ -136,7 +136,7 @@ impl Drive {
         if !self.program.power_on(out) {
             self.errors.warn(error::PROGRAM_TEST);
         }
-        (self.save, self.restart_due) = (None, Instant::NEVER);
+        (self.save, self.restart_due) = (PendingSave::NONE, Instant::NEVER);
         self.motion = Motion::None;
         self.other_motor = true;
         self.servo.power_on(at, self.servo_settings(), out);
@@ -149,8 +149,8 @@ impl Drive {
         self.startup_due()
             .min(self.inputs.due())
             .min(self.servo.deadline())
-            .min(self.save_due())
-            .min(self.program.save_due())
+            .min(self.save.due())
+            .min(self.program.save.due())
             .min(self.restart_due)
     }
 
@@ -159,12 +159,8 @@ impl Drive {
         if self.startup_due() <= at {
             self.startup_timeout(at, out);
         }
-        if self.save_due() <= at {
-            self.finish_save(at, out);
-        }
-        if self.program.save_due() <= at {
-            self.program.finish_save(at, out);
-        }
+        self.save.timeout(at, out);
+        self.program.save.timeout(at, out);
         if self.servo.deadline() <= at {
             self.servo.timeout(at, out);
         }

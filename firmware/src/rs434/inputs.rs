@@ -5,6 +5,7 @@ use super::errors::error;
 use super::motion::Heading;
 use super::registers::Reg;
 use super::{CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2};
+use crate::debounce::Debounce;
 use crate::device::{Context, Duration, Instant, Pin};
 
 /// A contact, which is debounced (6.1, Fig. 5).
@@ -14,36 +15,28 @@ pub(super) struct Contact {
     pub(super) closed: bool,
     /// Debounced state. It becomes true after the contact was closed for long enough, and false after it was
     /// open for long enough.
-    on: bool,
-    /// Time at which the present state becomes the debounced state.
-    pub(super) due: Instant,
+    debounced: Debounce,
 }
 
 impl Contact {
-    const OPEN: Self = Self { closed: false, on: false, due: Instant::NEVER };
+    const OPEN: Self = Self { closed: false, debounced: Debounce::new(false) };
 
     /// Makes the present state the debounced state.
     fn accept(&mut self) {
-        *self = Self { on: self.closed, due: Instant::NEVER, ..*self };
+        self.debounced = Debounce::new(self.closed);
     }
 
     /// Handles a change. A closed contact must stay closed for `pressed`, an open one open for `waited`.
     fn change(&mut self, at: Instant, closed: bool, pressed: Duration, waited: Duration) {
-        if closed == self.closed {
-            return;
+        if closed != self.closed {
+            self.closed = closed;
+            self.debounced.note(at, closed, if closed { pressed } else { waited });
         }
-        self.closed = closed;
-        let lasts = if closed { pressed } else { waited };
-        self.due = if closed == self.on { Instant::NEVER } else { at + lasts };
     }
 
-    /// Updates the debounced state. Returns true if it changes now.
-    fn timeout(&mut self, at: Instant) -> bool {
-        let changes = self.due <= at;
-        if changes {
-            self.accept();
-        }
-        changes
+    /// Returns true in the debounced state "closed".
+    fn is_on(&self) -> bool {
+        self.debounced.level()
     }
 }
 
@@ -67,11 +60,12 @@ impl Inputs {
 
     /// Stops waiting for contacts, because the drive starts.
     pub(super) fn cancel_debounce(&mut self) {
-        (self.in1.due, self.in2.due) = (Instant::NEVER, Instant::NEVER);
+        self.in1.debounced.cancel();
+        self.in2.debounced.cancel();
     }
 
     pub(super) fn due(&self) -> Instant {
-        self.in1.due.min(self.in2.due)
+        self.in1.debounced.due().min(self.in2.debounced.due())
     }
 }
 
@@ -118,7 +112,7 @@ impl Drive {
         contact.change(at, closed, pressed, waited);
         if self.state != State::Ready {
             // A drive that becomes ready uses the states at that time.
-            contact.due = Instant::NEVER;
+            contact.debounced.cancel();
         }
     }
 
@@ -131,13 +125,14 @@ impl Drive {
 
     /// Handles contacts whose state has lasted long enough.
     pub(super) fn inputs_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        let (first, second) = (self.inputs.in1.timeout(at), self.inputs.in2.timeout(at));
+        let Inputs { in1, in2, .. } = &mut self.inputs;
+        let (first, second) = (in1.debounced.timeout(at), in2.debounced.timeout(at));
         if (!first && !second) || !self.is_by_inputs() {
             return;
         }
         // A pulse ends when its contact opens (RS434-21).
-        let pulse_1 = first && !self.inputs.in1.on;
-        let pulse_2 = second && !self.inputs.in2.on;
+        let pulse_1 = first && !self.inputs.in1.is_on();
+        let pulse_2 = second && !self.inputs.in2.is_on();
         match self.bank.word(Reg::MODE_EXT_IN) {
             1 | 3 if pulse_2 => {
                 let reversed = if self.is_forward() { 2 } else { 1 };
@@ -190,18 +185,18 @@ impl Drive {
 
     /// IN2 selects the direction: closed means backward.
     fn direction_by_level(&mut self, at: Instant, out: &mut dyn Context) {
-        self.set_direction(at, if self.inputs.in2.on { 2 } else { 1 }, out);
+        self.set_direction(at, if self.inputs.in2.is_on() { 2 } else { 1 }, out);
     }
 
     /// The motor runs while IN1 is closed.
     fn run_by_level(&mut self, at: Instant, out: &mut dyn Context) {
-        self.run(at, self.inputs.in1.on.then_some(Heading::Registers), out);
+        self.run(at, self.inputs.in1.is_on().then_some(Heading::Registers), out);
     }
 
     /// IN1 makes the motor run forward, IN2 backward. With both closed the motor stops. For a move to a
     /// position either input will do.
     fn run_by_both(&mut self, at: Instant, out: &mut dyn Context) {
-        let heading = match (self.inputs.in1.on, self.inputs.in2.on) {
+        let heading = match (self.inputs.in1.is_on(), self.inputs.in2.is_on()) {
             (true, false) => Some(Heading::Forward),
             (false, true) => Some(Heading::Backward),
             _ => None,

@@ -150,18 +150,6 @@ static RULES: Rules = Rules {
     read_only: Exception::IllegalDataAddress,
 };
 
-/// An RS 434544 with a motor, without power.
-#[must_use]
-pub fn rs434544() -> DriveWithMotor<Rs434> {
-    DriveWithMotor::new(Rs434::of(Model::Rs434544))
-}
-
-/// An RS 434546 with a motor, without power.
-#[must_use]
-pub fn rs434546() -> DriveWithMotor<Rs434> {
-    DriveWithMotor::new(Rs434::of(Model::Rs434546))
-}
-
 /// Bus settings from the registers at the start of the drive (6.4).
 #[derive(Clone, Copy, Debug)]
 struct BusSettings {
@@ -183,6 +171,18 @@ pub struct Rs434 {
 }
 
 impl Rs434 {
+    /// An RS 434544 with a motor, without power.
+    #[must_use]
+    pub fn rs434544() -> DriveWithMotor<Self> {
+        DriveWithMotor::new(Self::of(Model::Rs434544))
+    }
+
+    /// An RS 434546 with a motor, without power.
+    #[must_use]
+    pub fn rs434546() -> DriveWithMotor<Self> {
+        DriveWithMotor::new(Self::of(Model::Rs434546))
+    }
+
     // Inlined, so that the drive is built in its final place: a copy takes 6 KB of a board's stack.
     #[inline(always)]
     fn of(model: Model) -> Self {

@@ -24,12 +24,7 @@ impl Drive {
         let content = memory::content(out.memory(), Reg::SAVED_WORDS);
         if content == Content::Good {
             memory::load(entries, out.memory(), self.bank.words_mut());
-            // The settings may come from another model or another device.
-            for (row, entry) in entries.list.iter().enumerate() {
-                if !entry.accepts(entries.value(self.bank.words(), row)) {
-                    entries.put(self.bank.words_mut(), row, entry.reset);
-                }
-            }
+            memory::reset_impossible(entries, self.bank.words_mut(), |_, _| true);
         }
         content != Content::Bad
     }
@@ -38,7 +33,7 @@ impl Drive {
     pub(super) fn save_settings(&mut self, at: Instant, out: &mut dyn Context) {
         self.refresh(at, Reg::OFFSET);
         let (entries, words) = (self.model.entries(), self.bank.words());
-        self.save = Some(Save::of_rows::<SETTINGS>(entries, words, at, SAVE, out));
+        self.save.begin(Save::of_rows::<SETTINGS>(entries, words, at, SAVE, out));
     }
 
     /// Resets the settings to the factory values, also in the flash (section 7).
@@ -46,17 +41,6 @@ impl Drive {
         memory::reset(self.model.entries(), self.bank.words_mut());
         self.set_servo(at, out);
         self.save_settings(at, out);
-    }
-
-    pub(super) fn save_due(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, Save::due)
-    }
-
-    /// Finishes the save in progress, if there is one.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(save) = self.save.take() {
-            save.finish(at, out);
-        }
     }
 
     /// Presets a register before power-on, as if the value had been saved.
@@ -72,7 +56,7 @@ impl Drive {
         }
         let entries = self.model.entries();
         entries.put(self.bank.words_mut(), reg.row(), value);
-        Save::of_rows::<SETTINGS>(entries, self.bank.words(), at, SAVE, out).finish(at, out);
+        memory::save_at_once::<SETTINGS>(entries, self.bank.words(), at, out);
         Ok(())
     }
 }

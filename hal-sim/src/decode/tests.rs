@@ -1,6 +1,6 @@
 use drivetwin_firmware::device::Device as _;
 use drivetwin_firmware::device::{Framing, Spec};
-use drivetwin_firmware::{md3::Md3, mdrive::Mdrive, mdrobot::mdrobot, qsb::Qsb, rs434::rs434544};
+use drivetwin_firmware::{md3::Md3, mdrive::Mdrive, mdrobot::Mdrobot, qsb::Qsb, rs434::Rs434};
 use drivetwin_protocol::modbus::{ascii, rtu, tcp};
 use proptest::prelude::*;
 
@@ -108,7 +108,7 @@ fn answers_of_an_md3() {
 
 #[test]
 fn a_coil_is_on_or_off() {
-    let rs = rs434544();
+    let rs = Rs434::rs434544();
     // RS 434544 6.2: START_bit is coil 0x2000. A coil takes 0x0000 or 0xFF00 (application 6.5).
     let pdu = [5, 0x20, 0, 0x12, 0];
     assert_eq!(asked(rs.spec(), &pdu), "write START_bit = 0x1200");
@@ -130,7 +130,7 @@ fn exceptions_of_a_drive_that_exist_have_its_reasons() {
     assert_eq!(refused(&write, 3, Some(23)), "VM is set less than or equal to VI (error 23) (03)");
     assert_eq!(refused(&write, 4, Some(73)), "tried to save while moving (error 73) (04)");
     // RS434-28
-    let rs = rs434544();
+    let rs = Rs434::rs434544();
     let save = [6, 0x80, 0x06, 0, 1];
     assert_eq!(
         modbus::refusal(rs.spec(), &save, 4, None),
@@ -147,7 +147,7 @@ fn a_refusal_blames_the_register_that_is_its_cause() {
         let rows = modbus::blamed(spec, pdu, code, &registers);
         rows.into_iter().map(|row| spec.registers.rows[row].name).collect::<Vec<_>>()
     };
-    let rs = rs434544();
+    let rs = Rs434::rs434544();
     let both = [16, 0x50, 0x01, 0, 2, 4, 0, 3, 0, 11];
     assert_eq!(blamed(rs.spec(), &both, 3), ["BITRATE_MODBUS"]);
     assert_eq!(blamed(md3(), &[6, 0, 0x0B, 0, 5], 2), ["Reserved"]);
@@ -181,11 +181,11 @@ fn a_single_byte_is_no_frame() {
 
 #[test]
 fn maps_with_bits_objects_and_the_low_word_first() {
-    let rs = rs434544();
+    let rs = Rs434::rs434544();
     // RS 434544 6.5: OFFSET is 0x5015 and 0x5016, low word first.
     assert_eq!(asked(rs.spec(), &[16, 0x50, 0x15, 0, 2, 4, 0, 5, 0, 1]), "write OFFSET = 65541");
     assert_eq!(asked(rs.spec(), &[6, 0x50, 0x15, 0, 5]), "write OFFSETLow = 5");
-    let md400 = mdrobot();
+    let md400 = Mdrobot::md400();
     // MDROBOT: each address is that of a whole value, and the manual counts in decimal.
     assert_eq!(
         told(md400.spec(), &[6, 0x27, 0x0F, 0, 5], &[0x86, 2]),
@@ -293,7 +293,7 @@ fn a_wrong_checksum_and_a_drive_that_starts() {
 }
 
 fn specs() -> [&'static Spec; 5] {
-    [md3(), mdrive(), Qsb::m().spec(), rs434544().spec(), mdrobot().spec()]
+    [md3(), mdrive(), Qsb::m().spec(), Rs434::rs434544().spec(), Mdrobot::md400().spec()]
 }
 
 proptest! {

@@ -208,8 +208,8 @@ fn names<'a>(given: impl Iterator<Item = &'a str>) -> Vec<String> {
 mod tests {
     use drivetwin_firmware::device::Device;
     use drivetwin_firmware::md3::Md3;
-    use drivetwin_firmware::mdrobot::mdrobot;
-    use drivetwin_firmware::rs434::rs434544;
+    use drivetwin_firmware::mdrobot::Mdrobot;
+    use drivetwin_firmware::rs434::Rs434;
     use drivetwin_protocol::modbus::rtu;
     use drivetwin_protocol::time::Span;
     use proptest::prelude::*;
@@ -309,7 +309,7 @@ r0.038146 *
     #[test]
     fn a_contact_that_is_not_wired_floats() {
         let mut bench = Bench::new();
-        let id = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
+        let id = bench.add_with("c", Box::new(Mdrobot::md400()), Setup::default()).unwrap();
         let dir = bench.spec(id).pin("DIR").unwrap();
         for drive in [PinStimulus::Low, PinStimulus::Open] {
             bench.run_until(bench.now() + 1.millis());
@@ -405,7 +405,7 @@ r0.038146 *
         fn looking_often_or_once_makes_the_same_file(pauses in proptest::collection::vec(0_u64..200_000, 1..20)) {
             let mut bench = Bench::with(Settings { shafts: true, outcomes: true, ..Settings::default() });
             let (x, y) = (bench.add::<Md3>("x"), bench.add::<Md3>("y"));
-            let z = bench.add_with("z", Box::new(rs434544()), Setup::default()).unwrap();
+            let z = bench.add_with("z", Box::new(Rs434::rs434544()), Setup::default()).unwrap();
             let mut followed = Vec::new();
             let mut waves = Waves::new(bench.trace(), &mut followed).unwrap();
             bench.run_until(2_500.millis());

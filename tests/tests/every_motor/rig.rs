@@ -1,9 +1,9 @@
 //! A drive with its own motor or a motor of the bench.
 
 use drivetwin_firmware::device::{Axis, Device, Duration, Fault, Pin};
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::motor::Parameters;
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_sim::bench::{
     Bench, DriveId, Motor, MotorModel, PinStimulus, PowerAction, Settings, Setup, ShaftState,
 };
@@ -38,8 +38,8 @@ impl Drive {
 
     fn device(self) -> Box<dyn Device> {
         match self {
-            Self::Rs434544 => Box::new(rs434544()),
-            Self::Mdrobot => Box::new(mdrobot()),
+            Self::Rs434544 => Box::new(Rs434::rs434544()),
+            Self::Mdrobot => Box::new(Mdrobot::md400()),
         }
     }
 

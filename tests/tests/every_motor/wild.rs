@@ -5,9 +5,9 @@ use std::iter;
 use drivetwin_firmware::device::{
     Axis, Boot, Device, Duration, Input, Instant, Pin, Rotation, advance, feed,
 };
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::motor::Parameters;
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_firmware::testing::Recorder;
 use proptest::prelude::*;
 
@@ -101,8 +101,8 @@ proptest! {
 
     #[test]
     fn reports_that_cannot_be_do_no_harm(acts in prop::collection::vec((act(), 0..200_000_u64), 1..60)) {
-        play(rs434544(), &[("ERROR", 0), ("START_bit", 1)], &acts);
-        play(mdrobot(), &[("ALARM_RESET", 1), ("UI_COM", 1), ("START_STOP", 1), ("VEL_CMD", 700)], &acts);
-        play(mdrobot(), &[("ALARM_RESET", 1), ("UI_COM", 1), ("POSI_CMD", 700)], &acts);
+        play(Rs434::rs434544(), &[("ERROR", 0), ("START_bit", 1)], &acts);
+        play(Mdrobot::md400(), &[("ALARM_RESET", 1), ("UI_COM", 1), ("START_STOP", 1), ("VEL_CMD", 700)], &acts);
+        play(Mdrobot::md400(), &[("ALARM_RESET", 1), ("UI_COM", 1), ("POSI_CMD", 700)], &acts);
     }
 }

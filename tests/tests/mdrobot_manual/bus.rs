@@ -2,7 +2,7 @@
 //! MDROBOT-5).
 
 use drivetwin_firmware::device::{Boot, Device, Input, Instant, Pin, Port, advance};
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::testing::Recorder;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Span};
@@ -22,9 +22,11 @@ fn two() -> (Bench, [DriveId; 2]) {
     let mut bench = Bench::new();
     let seats = [1_i64, 2].map(|id| {
         // Name of the setting by which users preset the id (MDROBOT-5).
-        let row = mdrobot().spec().find("CONTROLLER_ID").expect("a setting").row;
+        let row = Mdrobot::md400().spec().find("CONTROLLER_ID").expect("a setting").row;
         let setup = Setup { presets: vec![(row, id)], ..Setup::default() };
-        bench.add_with(if id == 1 { "left" } else { "right" }, Box::new(mdrobot()), setup).expect("a drive")
+        bench
+            .add_with(if id == 1 { "left" } else { "right" }, Box::new(Mdrobot::md400()), setup)
+            .expect("a drive")
     });
     bench.share("line", &seats.map(|seat| (seat, Port(0))));
     bench.run_until(BOOT + 1.millis());
@@ -162,7 +164,7 @@ fn page_3_noise() {
 
 /// Passes characters to the drive, each after a silence in ticks. Returns the drive's answers.
 fn fed(characters: &[(u8, u64)]) -> Vec<u8> {
-    let mut drive = mdrobot();
+    let mut drive = Mdrobot::md400();
     let mut out = Recorder::new(drive.spec().memory.into());
     let power = Instant::ZERO;
     drive.power_on(power, Boot::default(), &mut out);
@@ -215,7 +217,7 @@ fn page_3_silences() {
 /// The pins of the connector and the faults have the manual's names, in any order.
 #[test]
 fn page_11_pins() {
-    let drive = mdrobot();
+    let drive = Mdrobot::md400();
     let spec = drive.spec();
     for name in [
         "INT_SPEED",

@@ -1,7 +1,7 @@
 //! An MD400 with a motor on a bench, a master at its port, and methods that set its pins.
 
 use drivetwin_firmware::device::{Axis, Fault, Level, Pin, Port};
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::motor::Parameters;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::{Duration, Instant, Span};
@@ -44,7 +44,8 @@ impl Rig {
     /// A new controller whose power has just been switched on.
     pub(crate) fn new(line: LineMode, setup: Setup) -> Self {
         let mut bench = Bench::with(Settings { line, ..Settings::default() });
-        let seat = bench.add_with("x", Box::new(mdrobot()), setup).expect("a drive that can be seated");
+        let seat =
+            bench.add_with("x", Box::new(Mdrobot::md400()), setup).expect("a drive that can be seated");
         Self { bench, seat, poles: 4.0 }
     }
 

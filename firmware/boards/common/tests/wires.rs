@@ -5,9 +5,9 @@ use drivetwin_board::{AxisPins, End, Queue, is_full_duplex};
 use drivetwin_firmware::device::{Device, Fault, Pin, Port};
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::mdrive::Mdrive;
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::qsb::Qsb;
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_firmware::shell::BoardEvent;
 
 #[test]
@@ -55,7 +55,7 @@ fn a_fault_is_there_while_its_wire_is_low() {
 
 #[test]
 fn the_names_of_an_rs434544_are_its_pins_and_faults() {
-    let rs434 = rs434544();
+    let rs434 = Rs434::rs434544();
     let spec = rs434.spec();
     // As in the table in firmware/boards/rp2040/README.md: name; true if an input; true if the idle level is
     // high.
@@ -87,7 +87,7 @@ fn the_names_of_an_rs434544_are_its_pins_and_faults() {
 
 #[test]
 fn the_names_of_an_mdrobot_are_its_pins_and_faults() {
-    let mdrobot = mdrobot();
+    let mdrobot = Mdrobot::md400();
     let spec = mdrobot.spec();
     // As in the table in firmware/boards/rp2040/README.md: name; true if an input; true if the idle level is
     // high.

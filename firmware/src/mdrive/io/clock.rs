@@ -3,8 +3,9 @@
 
 use super::super::error::Error;
 use super::super::{IO7, IO8};
-use super::debounce::Debounce;
 use super::point::flag;
+use crate::counter::a_leads;
+use crate::debounce::Debounce;
 use crate::device::{Context, Duration, Instant, Level, Output, Pin, Plan};
 use crate::motion::{SETUP, Step, StepIterator};
 
@@ -51,7 +52,7 @@ impl Point {
     const OPEN: Self = Self { active_high: false, debounced: Debounce::new(true), driven: Level::Float };
 
     fn is_active(&self) -> bool {
-        self.debounced.level == self.active_high
+        self.debounced.level() == self.active_high
     }
 
     fn put(&mut self, at: Instant, pin: Pin, level: Level, out: &mut dyn Context) {
@@ -219,7 +220,7 @@ impl Clock {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.seven.debounced.due.min(self.eight.debounced.due).min(self.train.due())
+        self.seven.debounced.due().min(self.eight.debounced.due()).min(self.train.due())
     }
 
     pub(super) fn timeout(&mut self, at: Instant, width: Duration, out: &mut dyn Context) {
@@ -280,15 +281,8 @@ impl Clock {
             }
             (Code::UpDown, IO7) if seven => 1,
             (Code::UpDown, IO8) if eight => -1,
-            (Code::Quadrature, IO7) => {
-                if seven == eight {
-                    -1
-                } else {
-                    1
-                }
-            }
-            (Code::Quadrature, IO8) => {
-                if seven == eight {
+            (Code::Quadrature, IO7 | IO8) => {
+                if a_leads(pin == IO7, seven, eight) {
                     1
                 } else {
                     -1

@@ -2,8 +2,8 @@
 
 use super::super::CAPTURE;
 use super::super::error::Error;
-use super::debounce::Debounce;
 use super::point::flag;
+use crate::debounce::Debounce;
 use crate::device::{Context, Duration, Instant, Level, Output};
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -74,7 +74,7 @@ impl HighSpeed {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.debounced.due.min(self.ends)
+        self.debounced.due().min(self.ends)
     }
 
     /// Handles the deadline. Returns true if the input captures now.
@@ -88,7 +88,7 @@ impl HighSpeed {
 
     /// Returns true if this is a capture input and the level in effect is active.
     fn captures(&self) -> bool {
-        self.kind == Kind::Captures && self.debounced.level == self.active_high
+        self.kind == Kind::Captures && self.debounced.level() == self.active_high
     }
 
     fn drive_pin(&mut self, at: Instant, out: &mut dyn Context) {

@@ -9,7 +9,6 @@
 
 mod analogue;
 mod clock;
-mod debounce;
 mod high_speed;
 mod point;
 mod remote;

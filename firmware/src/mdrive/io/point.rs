@@ -2,8 +2,8 @@
 
 use super::super::error::Error;
 use super::super::motion::Contact;
-use super::debounce::Debounce;
 use super::{Event, StateFlags};
+use crate::debounce::Debounce;
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
 /// Type of a point.
@@ -173,7 +173,7 @@ impl Point {
 
     /// Level in effect after debouncing.
     pub(super) fn debounced_level(&self) -> bool {
-        self.debounced.level
+        self.debounced.level()
     }
 
     /// Level at the pin. If nothing drives it, a sinking point is pulled up and a sourcing point is pulled
@@ -187,7 +187,7 @@ impl Point {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.debounced.due.min(self.settles)
+        self.debounced.due().min(self.settles)
     }
 
     /// Stores a set-up. Returns true if the set-up has changed; then the caller must call [`Self::start`].
@@ -297,7 +297,7 @@ impl Point {
         if self.kind().is_output() || self.settles != Instant::NEVER {
             return false;
         }
-        let active = self.debounced.level == self.set_up.active_high;
+        let active = self.debounced.level() == self.set_up.active_high;
         let was = core::mem::replace(&mut self.active, active);
         active && !was
     }

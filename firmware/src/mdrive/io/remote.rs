@@ -1,6 +1,6 @@
 //! Channels of a remote encoder, filtered by FM (MC 5-26).
 
-use super::debounce::Debounce;
+use crate::debounce::Debounce;
 use crate::device::{Duration, Instant};
 use crate::mdrive::motion::Channel;
 
@@ -38,14 +38,14 @@ impl Remote {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        self.seen.iter().flatten().fold(Instant::NEVER, |first, seen| first.min(seen.due))
+        self.seen.iter().flatten().fold(Instant::NEVER, |first, seen| first.min(seen.due()))
     }
 
     /// Channels whose new level has lasted long enough and takes effect now.
     pub(super) fn timeout(&mut self, at: Instant) -> impl Iterator<Item = (Channel, bool)> + use<> {
         let changed = self.seen.each_mut().map(|seen| {
             let seen = seen.as_mut()?;
-            seen.timeout(at).then_some(seen.level)
+            seen.timeout(at).then_some(seen.level())
         });
         CHANNELS.into_iter().zip(changed).filter_map(|(channel, level)| Some((channel, level?)))
     }

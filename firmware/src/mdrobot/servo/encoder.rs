@@ -1,5 +1,7 @@
 //! An encoder: two channels with a quarter of a cycle between them, A before B while the motor turns forward.
 
+use crate::counter::a_leads;
+
 /// State of an encoder.
 #[derive(Clone, Debug)]
 pub(super) struct Encoder {
@@ -17,9 +19,10 @@ impl Encoder {
     /// backward.
     pub(super) fn edge(&mut self, a: bool, high: bool) -> Option<bool> {
         let [was_a, was_b] = self.levels;
-        let (was, other) = if a { (was_a, was_b) } else { (was_b, was_a) };
-        self.levels = if a { [high, was_b] } else { [was_a, high] };
-        (was != high && !self.cut).then_some((high == other) != a)
+        let was = if a { was_a } else { was_b };
+        let levels @ [now_a, now_b] = if a { [high, was_b] } else { [was_a, high] };
+        self.levels = levels;
+        (was != high && !self.cut).then_some(a_leads(a, now_a, now_b))
     }
 
     /// The levels of channels A and B, even while the wires are broken.

@@ -1,21 +1,12 @@
 //! Three Hall sensors, a third of a period apart: their count, and impossible codes.
 
+use crate::debounce::Debounce;
 use crate::device::Instant;
 use crate::motor::SETTLE;
 
 /// Codes of HU, HV and HW, with HU as the highest bit, in the order of a period while the motor turns
 /// forward.
 const FORWARD: [u8; 6] = [0b101, 0b100, 0b110, 0b010, 0b011, 0b001];
-
-/// State of an impossible code, all sensors high or all low.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum InvalidCode {
-    None,
-    /// An impossible code is present since this time.
-    Since(Instant),
-    /// An impossible code has been present for too long.
-    Broken,
-}
 
 /// Three Hall sensors.
 #[derive(Clone, Debug)]
@@ -28,7 +19,8 @@ pub(super) struct Halls {
     cut: bool,
     /// Index in [`FORWARD`] of the last possible code.
     place: Option<i8>,
-    invalid: InvalidCode,
+    /// True if an impossible code, all sensors high or all low, has lasted too long.
+    broken: Debounce,
     /// Count of edges: forward edges minus backward edges.
     count: i64,
 }
@@ -40,7 +32,7 @@ impl Halls {
         first_level_at: None,
         cut: false,
         place: None,
-        invalid: InvalidCode::None,
+        broken: Debounce::new(false),
         count: 0,
     };
 
@@ -67,12 +59,10 @@ impl Halls {
         let [u, v, w] = self.levels;
         let state = u8::from(u || self.cut) << 2 | u8::from(v) << 1 | u8::from(w);
         let Some(place) = FORWARD.iter().position(|forward| *forward == state) else {
-            if self.invalid == InvalidCode::None {
-                self.invalid = InvalidCode::Since(at);
-            }
+            self.broken.has_lasted(at, true, SETTLE);
             return 0;
         };
-        self.invalid = InvalidCode::None;
+        self.broken = Debounce::new(false);
         let place = place as i8;
         let before = self.place.replace(place).unwrap_or(place);
         if self.first_level_at.is_none_or(|first_level_at| at.since(first_level_at) <= SETTLE) {
@@ -91,22 +81,17 @@ impl Halls {
     /// Time at which an impossible code will have lasted too long; [`Instant::NEVER`] if there is no such
     /// code, or if its time has passed.
     pub(super) fn deadline(&self) -> Instant {
-        match self.invalid {
-            InvalidCode::Since(since) => since + SETTLE,
-            InvalidCode::None | InvalidCode::Broken => Instant::NEVER,
-        }
+        self.broken.due()
     }
 
     /// Marks the sensors as broken if an impossible code has lasted too long.
     pub(super) fn check_code(&mut self, at: Instant) {
-        if self.deadline() <= at {
-            self.invalid = InvalidCode::Broken;
-        }
+        self.broken.timeout(at);
     }
 
     /// Returns true if an impossible code has lasted too long.
     pub(super) fn are_broken(&self) -> bool {
-        self.invalid == InvalidCode::Broken
+        self.broken.level()
     }
 
     /// Count of edges: forward edges minus backward edges.

@@ -3,6 +3,7 @@
 use fixed::types::I40F24;
 
 use super::pi::FULL;
+use crate::debounce::Debounce;
 use crate::device::{Duration, Instant};
 use crate::mdrobot::alarm::status;
 
@@ -15,44 +16,31 @@ const ENCODER: Duration = Duration::millis(600);
 /// An error that shrank by 1/16 since its timer started counts as improving.
 const IMPROVED_DIVISOR: i64 = 16;
 
-/// A condition that is a fault if it lasts (on-delay).
-#[derive(Clone, Copy, Debug)]
-struct OnDelay(Option<Instant>);
-
-impl OnDelay {
-    const NOT: Self = Self(None);
-
-    /// Returns true if the condition `so` has been true for `span`.
-    fn has_lasted(&mut self, so: bool, at: Instant, span: Duration) -> bool {
-        self.0 = so.then(|| self.0.unwrap_or(at));
-        self.0.is_some_and(|since| at.since(since) >= span)
-    }
-}
-
 /// An error that is a fault if it lasts and does not improve.
 #[derive(Clone, Copy, Debug)]
 struct PersistentError {
-    wrong: OnDelay,
+    wrong: Debounce,
     /// The size of the error when its timer started.
     first: I40F24,
 }
 
 impl PersistentError {
-    const NOT: Self = Self { wrong: OnDelay::NOT, first: I40F24::ZERO };
+    const NOT: Self = Self { wrong: Debounce::new(false), first: I40F24::ZERO };
 
     /// Returns true if the error has lasted for `span` and has not improved in that time; `by` is its present
     /// size.
     fn persists(&mut self, by: Option<I40F24>, at: Instant, span: Duration) -> bool {
         let by_now = by.unwrap_or(I40F24::ZERO);
-        if self.wrong.0.is_none() {
+        if !self.wrong.level() && self.wrong.due() == Instant::NEVER {
             self.first = by_now;
         }
-        if !self.wrong.has_lasted(by.is_some(), at, span) {
+        if !self.wrong.has_lasted(at, by.is_some(), span) {
             return false;
         }
         let less = by_now < self.first - self.first / IMPROVED_DIVISOR;
         if less {
-            *self = Self { wrong: OnDelay(Some(at)), first: by_now };
+            *self = Self { first: by_now, ..Self::NOT };
+            self.wrong.note(at, true, span);
         }
         !less
     }
@@ -78,8 +66,8 @@ pub(super) struct ControlSample {
 /// Conditions that become faults if they last.
 #[derive(Clone, Debug)]
 pub(super) struct FaultMonitor {
-    load: OnDelay,
-    standstill: OnDelay,
+    load: Debounce,
+    standstill: Debounce,
     deviation: PersistentError,
     inverse: PersistentError,
     /// Time and count of the first edge of a Hall sensor after the last edge of the encoder.
@@ -89,8 +77,8 @@ pub(super) struct FaultMonitor {
 impl FaultMonitor {
     /// State without any condition.
     pub(super) const NEW: Self = Self {
-        load: OnDelay::NOT,
-        standstill: OnDelay::NOT,
+        load: Debounce::new(false),
+        standstill: Debounce::new(false),
         deviation: PersistentError::NOT,
         inverse: PersistentError::NOT,
         since_encoder_edge: None,
@@ -99,12 +87,12 @@ impl FaultMonitor {
     /// Checks the readings of a control tick. Returns the bits of new faults.
     pub(super) fn update(&mut self, at: Instant, sample: ControlSample) -> u16 {
         let mut alarms = 0;
-        if self.load.has_lasted(sample.ma != 0 && sample.ma.unsigned_abs() >= sample.limit_ma, at, OVER_LOAD)
-        {
+        let is_at_limit = sample.ma != 0 && sample.ma.unsigned_abs() >= sample.limit_ma;
+        if self.load.has_lasted(at, is_at_limit, OVER_LOAD) {
             alarms |= status::OVER_LOAD;
         }
         let moved = sample.hall.is_some_and(|hall| at.since(hall) < STALL);
-        if self.standstill.has_lasted(sample.wanted.abs() > FULL / 2, at, STALL) && !moved {
+        if self.standstill.has_lasted(at, sample.wanted.abs() > FULL / 2, STALL) && !moved {
             alarms |= status::STALL;
         }
         // A deviation of half the reference has no meaning at reference 0.

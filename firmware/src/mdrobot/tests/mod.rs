@@ -18,7 +18,7 @@ use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::registers::Register;
 use drivetwin_protocol::time::Span;
 
-use super::{ALARM, CLUTCH, FAN, HU, HV, HW, MEMORY, Mdrobot, Pid, mdrobot};
+use super::{ALARM, CLUTCH, FAN, HU, HV, HW, MEMORY, Mdrobot, Pid};
 use crate::device::{
     Boot, Device, DropReason, Duration, Input, Instant, Level, Line, LogEvent, Output, Pin, Port, PresetError,
 };
@@ -56,7 +56,7 @@ impl DerefMut for Dut {
 impl Dut {
     /// A drive without power, with this content of its memory.
     fn off(memory: Vec<u8>) -> Self {
-        let fixture = Fixture::with_memory(mdrobot(), memory).ruled(|output| match output {
+        let fixture = Fixture::with_memory(Mdrobot::md400(), memory).ruled(|output| match output {
             // Levels of the motor's sensors.
             Output::Level { pin: HU | HV | HW, .. } => Treatment::Ignore,
             // Outputs for an external motor.

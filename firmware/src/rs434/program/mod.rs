@@ -16,7 +16,7 @@ use self::vm::{Host, REGISTERS, Step, Vm};
 use super::saved::SAVE;
 use super::{LINES, SETTINGS};
 use crate::device::{Context, Duration, Instant};
-use crate::memory::{self, Content, Save};
+use crate::memory::{self, Content, PendingSave, Save};
 
 /// Duration of a line. A DELAY takes longer (RS434-25).
 pub(super) const LINE: Duration = Duration::micros(100);
@@ -79,7 +79,8 @@ pub(super) struct Program {
     line_due: Instant,
     /// State of the flash after the save in progress, if there is one.
     flash: Content,
-    save: Option<Save>,
+    /// The save in progress. The drive finishes it when it is due, or before a restart.
+    pub(super) save: PendingSave,
     /// AX to JX at the start. CMD_FULL_STOP_PROGRAM restores them.
     before: [u16; REGISTERS],
     /// Lines in the form of the flash, low byte first.
@@ -95,7 +96,7 @@ impl Program {
             status: Status::Stopped,
             line_due: Instant::NEVER,
             flash: Content::New,
-            save: None,
+            save: PendingSave::NONE,
             before: [0; REGISTERS],
             buffer: [[0; 4]; LINES],
         }
@@ -107,7 +108,7 @@ impl Program {
         // `new` is not used here, because its copy of the buffer would need a board's stack.
         self.vm = Vm::new();
         self.buffer.fill([0; 4]);
-        (self.status, self.line_due, self.save) = (Status::Stopped, Instant::NEVER, None);
+        (self.status, self.line_due, self.save) = (Status::Stopped, Instant::NEVER, PendingSave::NONE);
         self.check_flash(out)
     }
 
@@ -160,21 +161,15 @@ impl Program {
     /// right CRC. Must not be called while the program runs.
     pub(super) fn save(&mut self, at: Instant, out: &mut dyn Context) {
         let save = Save::of_bytes(self.buffer.as_flattened(), SETTINGS as u16, at, SAVE, out);
-        (self.flash, self.save) = (Content::Good, Some(save));
-    }
-
-    /// Finishes the save in progress, at the end of its duration or before a restart.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(save) = self.save.take() {
-            save.finish(at, out);
-        }
+        self.save.begin(save);
+        self.flash = Content::Good;
     }
 
     /// Copies the flash into the buffer. Returns true if the flash holds a program; otherwise the caller sets
     /// ERROR bit 7.
     pub(super) fn load(&mut self, out: &dyn Context) -> bool {
         // During a save the lines are already in the flash.
-        if self.save.is_none() {
+        if !self.save.is_running() {
             self.check_flash(out);
         }
         match self.flash {
@@ -193,11 +188,6 @@ impl Program {
     /// Time of the next line, for [`run`].
     pub(super) fn line_due(&self) -> Instant {
         self.line_due
-    }
-
-    /// End of the save, for [`finish_save`](Self::finish_save).
-    pub(super) fn save_due(&self) -> Instant {
-        self.save.map_or(Instant::NEVER, Save::due)
     }
 
     /// Checks the flash. Returns true if it is not bad.

@@ -1,5 +1,6 @@
 //! Counter of the edges of the Hall sensors.
 
+use crate::counter::a_leads;
 use crate::device::Instant;
 use crate::motor::SETTLE;
 
@@ -39,7 +40,7 @@ impl Counter {
         driven_forward: bool,
     ) -> Result<Option<bool>, NoEdge> {
         let [known_a, known_b] = self.halls;
-        let (known, other) = if a { (known_a, known_b) } else { (known_b, known_a) };
+        let known = if a { known_a } else { known_b };
         self.halls = if a { [Some(high), known_b] } else { [known_a, Some(high)] };
         if known == Some(high) {
             return Err(NoEdge);
@@ -51,7 +52,10 @@ impl Counter {
             0 => return Ok(None),
             1 if !a => return Ok(None),
             1 => driven_forward,
-            _ => (high == other.unwrap_or(true)) != a,
+            _ => {
+                let [level_a, level_b] = self.halls.map(|level| level.unwrap_or(true));
+                a_leads(a, level_a, level_b)
+            }
         };
         self.count += if forward { 1 } else { -1 };
         Ok(Some(forward))

@@ -36,7 +36,7 @@ fn the_whole_of_5000h_is_read_at_once() {
 #[test]
 fn the_other_model_has_another_current_and_another_name() {
     let mut dut = without_power();
-    dut.drive = rs434546();
+    dut.drive = Rs434::rs434546();
     dut.power_on(Boot { fast: true, ..Boot::default() });
     assert_eq!(dut.read(0x5009), 40_000);
     assert_eq!(dut.pdu(&[4, 0x80, 1, 0, 1]), [4, 2, 0x03, 0xEA]); // 1002

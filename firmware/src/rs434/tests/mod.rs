@@ -15,7 +15,7 @@ use std::vec::Vec;
 use drivetwin_protocol::modbus::rtu;
 use drivetwin_protocol::time::Span;
 
-use super::{CLR_FLASH, GREEN, HARD_STOP, IN1, IN2, MEMORY, RED, Reg, Rs434, SETTINGS, rs434544, rs434546};
+use super::{CLR_FLASH, GREEN, HARD_STOP, IN1, IN2, MEMORY, RED, Reg, Rs434, SETTINGS};
 use crate::device::{
     Axis, Boot, Device, DropReason, Duration, Input, Instant, Level, LogEvent, Output, Pin, Port, PresetError,
 };
@@ -27,7 +27,7 @@ const CHARACTER: Duration = Duration::from_ticks(1_528);
 
 /// A new drive with its motor, without power.
 fn without_power() -> Fixture<DriveWithMotor<Rs434>> {
-    Fixture::new(rs434544()).ruled(|output| match output {
+    Fixture::new(Rs434::rs434544()).ruled(|output| match output {
         Output::Bytes { .. }
         | Output::Level { .. }
         | Output::Line { .. }

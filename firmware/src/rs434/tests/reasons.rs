@@ -292,7 +292,7 @@ fn a_contact_has_no_reason() {
 
 #[test]
 fn texts_are_short() {
-    let of_models = [rs434544(), rs434546()].map(|drive| drive.spec().reasons.len());
+    let of_models = [Rs434::rs434544(), Rs434::rs434546()].map(|drive| drive.spec().reasons.len());
     assert_eq!(of_models, [REASONS.len(); 2]);
     for reason in REASONS {
         assert!(reason.text.len() <= 80 && !reason.text.ends_with('.'), "{}", reason.text);

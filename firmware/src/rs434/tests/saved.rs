@@ -51,10 +51,10 @@ fn a_save_is_two_stores_10_ms_apart() {
 #[test]
 fn settings_of_the_other_model_become_those_of_the_factory() {
     let mut dut = without_power();
-    dut.drive = rs434546();
+    dut.drive = Rs434::rs434546();
     dut.set(Reg::REF_CURRENT, 30_000);
     dut.set(Reg::SPEED, 2_000);
-    dut.drive = rs434544();
+    dut.drive = Rs434::rs434544();
     dut.cycle();
     assert_eq!((dut.get(Reg::REF_CURRENT), dut.get(Reg::SPEED)), (20_000, 2_000));
 }

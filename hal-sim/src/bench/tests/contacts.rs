@@ -1,12 +1,12 @@
 //! Contacts for which a drive detects whether they are wired: those of an MD controller.
 
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::motor::stepper::StepperParameters;
 
 use super::*;
 
 fn controller(bench: &mut Bench) -> (DriveId, impl Fn(&str) -> Pin + use<>) {
-    let drive = bench.add_with("c", Box::new(mdrobot()), Setup::default()).unwrap();
+    let drive = bench.add_with("c", Box::new(Mdrobot::md400()), Setup::default()).unwrap();
     let spec = bench.spec(drive);
     (drive, move |name: &str| spec.pin(name).unwrap())
 }
@@ -24,7 +24,7 @@ fn contacts(bench: &Bench, from: Instant) -> Vec<String> {
 #[track_caller]
 fn assert_replays(bench: &Bench) {
     let make = |kind: &str| match kind {
-        "mdrobot" => Some(Box::new(mdrobot()) as Box<dyn Device>),
+        "mdrobot" => Some(Box::new(Mdrobot::md400()) as Box<dyn Device>),
         kind => make(kind),
     };
     let trace = trace::Trace::parse(&bench.trace().to_text(), &make).unwrap();

@@ -3,7 +3,7 @@
 
 use drivetwin_firmware::motor;
 use drivetwin_firmware::motor::stepper::StepperParameters;
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 
 use super::*;
 
@@ -132,7 +132,9 @@ proptest! {
 fn a_motor_fits_its_drive() {
     let (mut bench, [x, ..], _) = turning(&[0, 1, 2], &[0, 1, 2]);
     let add = |bench: &mut Bench, name: &str, external_motor| {
-        bench.add_with(name, Box::new(rs434544()), Setup { external_motor, ..Setup::default() }).unwrap()
+        bench
+            .add_with(name, Box::new(Rs434::rs434544()), Setup { external_motor, ..Setup::default() })
+            .unwrap()
     };
     let (rig, external) = (add(&mut bench, "rig", false), add(&mut bench, "apart", true));
     assert_eq!(bench.detached_motor(rig), None);

@@ -6,9 +6,9 @@ use drivetwin_firmware::device::{
 };
 use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::mdrive::Mdrive;
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::qsb::Qsb;
-use drivetwin_firmware::rs434::rs434544;
+use drivetwin_firmware::rs434::Rs434;
 use drivetwin_protocol::modbus::{rtu, tcp};
 
 use crate::bench::{Accesses, Bench, DriveId, PinStimulus, PowerAction, Settings, Setup};
@@ -198,12 +198,12 @@ fn two_drives_of_one_address_both_have_the_request() {
 #[test]
 fn an_rs_drive_in_both_framings() {
     let mut bench = Bench::new();
-    let rtu_drive = bench.add_with("r", Box::new(rs434544()), Setup::default()).unwrap();
+    let rtu_drive = bench.add_with("r", Box::new(Rs434::rs434544()), Setup::default()).unwrap();
     let spec = bench.spec(rtu_drive);
     // TYPE_MODBUS 1 is ASCII 7E1.
     let ascii = spec.find("TYPE_MODBUS").unwrap().row;
     let setup = Setup { presets: vec![(ascii, 1)], ..Setup::default() };
-    let ascii_drive = bench.add_with("a", Box::new(rs434544()), setup).unwrap();
+    let ascii_drive = bench.add_with("a", Box::new(Rs434::rs434544()), setup).unwrap();
     ready(&mut bench);
     bench.ask(rtu_drive, &rtu::write(1, 0x500B, 29));
     assert_eq!(
@@ -223,7 +223,7 @@ fn an_rs_drive_in_both_framings() {
 #[test]
 fn an_mdrobot_counts_in_decimal() {
     let mut bench = Bench::new();
-    let drive = bench.add_with("m", Box::new(mdrobot()), Setup::default()).unwrap();
+    let drive = bench.add_with("m", Box::new(Mdrobot::md400()), Setup::default()).unwrap();
     ready(&mut bench);
     bench.ask(drive, &rtu::write(1, 254, 5));
     let words = words(&bench, drive);
@@ -593,14 +593,14 @@ fn what_is_no_message_in_ascii_has_an_entry() {
     let read = &b":010350000001AB\r\n"[..];
     for shared in [false, true] {
         let mut bench = Bench::new();
-        let spec = rs434544().spec();
+        let spec = Rs434::rs434544().spec();
         let row = |name| spec.find(name).unwrap().row;
         let setup = |address| Setup {
             presets: vec![(row("TYPE_MODBUS"), 1), (row("SLAVE_ADDRESS_MODBUS"), address)],
             ..Setup::default()
         };
-        let a = bench.add_with("a", Box::new(rs434544()), setup(1)).unwrap();
-        let b = bench.add_with("b", Box::new(rs434544()), setup(2)).unwrap();
+        let a = bench.add_with("a", Box::new(Rs434::rs434544()), setup(1)).unwrap();
+        let b = bench.add_with("b", Box::new(Rs434::rs434544()), setup(2)).unwrap();
         if shared {
             bench.share("line1", &[(a, Port(0)), (b, Port(0))]);
         }
@@ -898,7 +898,7 @@ fn a_truncated_reply_in_ascii_hides_no_request() {
     for (seed, asked) in (0..20).flat_map(|seed| [(seed, 1), (seed, 2)]) {
         let mut bench = Bench::with(Settings { seed, ..Settings::default() });
         let drives = [("x", 1), ("y", 2)].map(|(name, address)| {
-            let device = rs434544();
+            let device = Rs434::rs434544();
             let row = |name| device.spec().find(name).unwrap().row;
             let own = device.spec().address.unwrap();
             let presets = vec![(row("TYPE_MODBUS"), 1), (row("BITRATE_MODBUS"), 4), (own, address)];
@@ -1418,7 +1418,7 @@ fn comments_of_replies_and_keys_are_those_of_their_messages() {
 #[test]
 fn a_request_to_an_rs_drive_that_restarts_has_an_entry() {
     let mut bench = Bench::new();
-    let x = bench.add_with("x", Box::new(rs434544()), Setup::default()).unwrap();
+    let x = bench.add_with("x", Box::new(Rs434::rs434544()), Setup::default()).unwrap();
     ready(&mut bench);
     let spec = bench.spec(x);
     let restart = spec.registers.rows[spec.find("FLAG_RESTART").unwrap().row].address;

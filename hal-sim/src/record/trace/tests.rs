@@ -1,5 +1,5 @@
 use drivetwin_firmware::md3::Md3;
-use drivetwin_firmware::mdrobot::mdrobot;
+use drivetwin_firmware::mdrobot::Mdrobot;
 use drivetwin_firmware::motion::Limits;
 use drivetwin_protocol::line::Parity;
 use fixed::types::{I24F8, U24F8};
@@ -13,7 +13,7 @@ fn make(kind: &str) -> Option<Box<dyn Device>> {
     match kind {
         "md3" => Some(Box::new(Md3::new())),
         "toy" => Some(Box::new(TestDevice::default())),
-        "mdrobot" => Some(Box::new(mdrobot())),
+        "mdrobot" => Some(Box::new(Mdrobot::md400())),
         _ => None,
     }
 }

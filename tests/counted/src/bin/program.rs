@@ -11,7 +11,7 @@ use cortex_m_rt::entry;
 use counted::{count, done, group};
 use drivetwin_firmware::device::{Boot, Context, Device, Duration, Instant, Output};
 use drivetwin_firmware::motor::DriveWithMotor;
-use drivetwin_firmware::rs434::{LINES, MEMORY, Reg, Rs434, rs434544};
+use drivetwin_firmware::rs434::{LINES, MEMORY, Reg, Rs434};
 use programs::{BUS, JMP_1, MIXED, MOV_AX_0, Program, SYSTEM};
 
 /// Number of rounds of a program's loop.
@@ -28,7 +28,7 @@ fn main() -> ! {
 /// Runs a program. Not inlined, because RAM has room for one drive.
 #[inline(never)]
 fn lines(name: &CStr, program: &Program, flash: &'static Flash) {
-    let mut drive = rs434544();
+    let mut drive = Rs434::rs434544();
     let out = &mut Hands(flash);
     drive.power_on(Instant::ZERO, Boot { seed: 1, fast: true, ..Boot::default() }, out);
     drive.timeout(Instant::ZERO, out);

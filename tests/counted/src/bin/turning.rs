@@ -8,8 +8,8 @@ use core::ffi::CStr;
 use cortex_m_rt::entry;
 use counted::{count, done, group};
 use drivetwin_firmware::device::{Axis, Boot, Context, Device, Duration, Instant, Output, advance};
-use drivetwin_firmware::mdrobot::{Pid, mdrobot};
-use drivetwin_firmware::rs434::{Reg, rs434544};
+use drivetwin_firmware::mdrobot::{Mdrobot, Pid};
+use drivetwin_firmware::rs434::{Reg, Rs434};
 
 /// Time that the motor turns before the measurement, and time of the measurement, in ms.
 const SPEEDS_UP: u32 = 1_000;
@@ -18,9 +18,9 @@ const LOOKED_AT: u32 = 100;
 #[entry]
 fn main() -> ! {
     // The drive turns at its factory setting, 1,000 rpm.
-    turn(c"rs434544: ms of turning", rs434544(), &[(Reg::START_bit as usize, 1)]);
+    turn(c"rs434544: ms of turning", Rs434::rs434544(), &[(Reg::START_bit as usize, 1)]);
     let orders = [(Pid::UI_COM as usize, 1), (Pid::START_STOP as usize, 1), (Pid::VEL_CMD as usize, 1_000)];
-    turn(c"mdrobot: ms of turning", mdrobot(), &orders);
+    turn(c"mdrobot: ms of turning", Mdrobot::md400(), &orders);
     done()
 }
 

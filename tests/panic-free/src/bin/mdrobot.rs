@@ -4,4 +4,4 @@
 
 include!("../drive.rs");
 
-program!(drivetwin_firmware::mdrobot::mdrobot);
+program!(drivetwin_firmware::mdrobot::Mdrobot::md400);

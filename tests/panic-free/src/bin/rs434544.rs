@@ -4,4 +4,4 @@
 
 include!("../drive.rs");
 
-program!(drivetwin_firmware::rs434::rs434544);
+program!(drivetwin_firmware::rs434::Rs434::rs434544);

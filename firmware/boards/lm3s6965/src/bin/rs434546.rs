@@ -2,4 +2,4 @@
 #![no_std]
 #![no_main]
 
-drivetwin_board::image!(drivetwin_lm3s6965, rs434::rs434546, TX_ONE_REPLY, RS434);
+drivetwin_board::image!(drivetwin_lm3s6965, rs434::Rs434::rs434546, TX_ONE_REPLY, RS434);

@@ -2,4 +2,4 @@
 #![no_std]
 #![no_main]
 
-drivetwin_board::image!(drivetwin_pico, mdrobot::mdrobot, TX_ONE_REPLY, MDROBOT);
+drivetwin_board::image!(drivetwin_pico, mdrobot::Mdrobot::md400, TX_ONE_REPLY, MDROBOT);

@@ -2,4 +2,4 @@
 #![no_std]
 #![no_main]
 
-drivetwin_board::image!(drivetwin_stm32f4, mdrobot::mdrobot, TX_ONE_REPLY, MDROBOT);
+drivetwin_board::image!(drivetwin_stm32f4, mdrobot::Mdrobot::md400, TX_ONE_REPLY, MDROBOT);

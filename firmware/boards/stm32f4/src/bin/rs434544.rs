@@ -2,4 +2,4 @@
 #![no_std]
 #![no_main]
 
-drivetwin_board::image!(drivetwin_stm32f4, rs434::rs434544, TX_ONE_REPLY, RS434);
+drivetwin_board::image!(drivetwin_stm32f4, rs434::Rs434::rs434544, TX_ONE_REPLY, RS434);

@@ -36,12 +36,12 @@ fn a_save_takes_10_ms_and_lasts() {
     drive.program.write_line(0, set(AX, 0x1234));
     drive.program.save(drive.now, &mut drive.out);
     let right = drive.now + 10.millis();
-    assert_eq!(drive.program.save_due(), right);
+    assert_eq!(drive.program.save.due(), right);
     let places: Vec<_> = drive.out.stores.iter().map(|(_, offset, bytes)| (*offset, bytes.len())).collect();
     assert_eq!(places, [(CRC, 2), (SETTINGS as u16, 4_096)], "a CRC that is wrong, then the lines");
     assert_eq!(drive.out.memory[SETTINGS..][..5], [0x01, 0x00, 0x34, 0x12, 0x00], "the low byte first");
-    drive.program.finish_save(right, &mut drive.out);
-    assert_eq!(drive.program.save_due(), Instant::NEVER);
+    drive.program.save.finish(right, &mut drive.out);
+    assert_eq!(drive.program.save.due(), Instant::NEVER);
     assert_eq!(drive.out.stores.len(), 3);
     assert_eq!(drive.out.memory, memory_with(&[set(AX, 0x1234)]).memory);
 
@@ -76,7 +76,7 @@ fn it_runs_and_comes_back_while_its_save_is_not_over() {
     assert!(drive.program.load(&drive.out));
     assert_eq!(drive.program.read_line(0), set(AX, 3));
     // A restart finishes the save early.
-    drive.program.finish_save(drive.now, &mut drive.out);
+    drive.program.save.finish(drive.now, &mut drive.out);
     assert!(drive.program.power_on(&drive.out));
 }
 
@@ -87,7 +87,7 @@ fn power_lost_inside_a_save_leaves_a_bad_flash_or_one_of_both_programs() {
     drive.finish();
     drive.program.write_line(0, set(AX, 2));
     drive.program.save(drive.now, &mut drive.out);
-    drive.program.finish_save(drive.now + 10.millis(), &mut drive.out);
+    drive.program.save.finish(drive.now + 10.millis(), &mut drive.out);
     assert_eq!(drive.out.memory, new);
     let stores = drive.out.stores.split_off(0);
     let stored: Vec<(usize, u8)> =
