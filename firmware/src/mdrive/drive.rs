@@ -12,25 +12,28 @@
 //! | `motion` | the motor and its encoder |
 //! | `hybrid` | additional functions of a Hybrid |
 //! | `io` | the I/O points |
+//! | `settings` | settings of motion and I/O |
 //!
-//! Motion and I/O do not depend on the other modules. They queue events, and `dispatch_events` handles the
-//! events after every input and timeout.
+//! Motion and I/O do not depend on the other modules, and the Hybrid's circuitry only on motion. They queue
+//! events. `dispatch_events` handles those of motion and I/O after every input and timeout, and
+//! `run_hybrid` those of the circuitry at once.
 
 use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Bank, Entries, Register, Space, characters};
 
 use super::STALL;
 use super::error::{Error, Errors};
-use super::hybrid::{Hybrid, frequency};
+use super::hybrid::{self, Environment, Hybrid};
 use super::io::{self, Io};
 use super::mcode::Mcode;
 use super::mcode::statement::Place;
 use super::motion::{self, Contact, Motion};
-use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
+use super::reasons::{Why, report};
+use super::registers::{HYBRID, PLUS, Reg, Registers, TABLE_HYBRID};
 use super::saved::Saving;
+use super::settings::motion_settings;
 use super::variables::{entry, is_number, words};
 use crate::device::{Boot, Context, Fault, Instant, PresetError};
-use crate::motor::stepper::StepperParameters;
 
 /// The two products.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -84,7 +87,7 @@ pub(super) struct Drive {
     pub(super) boot: Boot,
     pub(super) state: State,
     pub(super) saving: Option<Saving>,
-    pub(super) bank: Bank<Reg, { Reg::WORDS }>,
+    pub(super) bank: Registers,
     pub(super) errors: Errors,
     pub(super) io: Io,
     pub(super) motion: Motion,
@@ -134,7 +137,7 @@ impl Drive {
             self.motion.timeout(at, out);
         }
         if self.hybrid.deadline() <= at {
-            self.hybrid_timeout(at, out);
+            self.run_hybrid(at, out, Hybrid::timeout);
         }
         self.dispatch_events(at, out);
         if self.mcode.consoles.deadline() <= at {
@@ -148,8 +151,11 @@ impl Drive {
 
     pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         match fault {
-            STALL => self.block_shaft(at, on, out),
-            _ => self.set_hybrid_fault(at, fault, on, out),
+            STALL => {
+                self.motion.block_shaft(at, on, out);
+                self.run_hybrid(at, out, Hybrid::follow_rotor);
+            }
+            _ => self.run_hybrid(at, out, |hybrid, env| hybrid.set_fault(env, fault, on)),
         }
     }
 
@@ -200,7 +206,7 @@ impl Drive {
         if row.space == Space::Setting && row.accepts(value) {
             self.bank.set(reg, value);
             self.set_motion(at, out);
-            self.apply_rotor_settings(at, out);
+            self.run_hybrid(at, out, Hybrid::follow_rotor);
             self.dispatch_events(at, out);
             return Ok(());
         }
@@ -242,7 +248,7 @@ impl Drive {
             self.io.plan(at, self.motion.plan(), out);
         }
         if plan_changed || self.hybrid.deadline() <= at {
-            self.watch_position(at, out);
+            self.run_hybrid(at, out, Hybrid::watch_position);
         }
         if plan_changed || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
             self.check_trips(at, out);
@@ -256,7 +262,7 @@ impl Drive {
             changing: self.motion.is_changing(at),
             locked_rotor: self.hybrid.is_locked(),
             positioning: self.motion.is_positioning(),
-            hybrid: self.corrects_rotor(),
+            hybrid: self.hybrid.corrects_rotor(&self.motion),
             is_making_up: self.hybrid.is_making_up(),
         };
         self.io.update_outputs(at, flags, out);
@@ -310,81 +316,95 @@ impl Drive {
         }
     }
 
+    /// Checks rotor and temperature. This runs after every event.
+    fn update_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.is_started() {
+            self.run_hybrid(at, out, Hybrid::watch);
+            // The warning is printed before the bridge is switched off.
+            self.run_hybrid(at, out, Hybrid::watch_heat);
+        }
+    }
+
+    /// Runs a part of the Hybrid's circuitry, then handles its events.
+    pub(super) fn run_hybrid<T>(
+        &mut self,
+        at: Instant,
+        out: &mut dyn Context,
+        run: impl FnOnce(&mut Hybrid, &mut Environment<'_>) -> T,
+    ) -> T {
+        let (model, registers, io, motion) = (self.model, &mut self.bank, &self.io, &mut self.motion);
+        let result = run(&mut self.hybrid, &mut Environment { at, model, registers, io, motion, out });
+        self.take_hybrid_events(at, out);
+        result
+    }
+
+    fn take_hybrid_events(&mut self, at: Instant, out: &mut dyn Context) {
+        while let Some(event) = self.hybrid.next_event() {
+            match event {
+                hybrid::Event::Failed(error) => self.fail(at, error, out),
+                // MC 5-9 calls this "a locked rotor response".
+                hybrid::Event::CalibrationFailed => {
+                    let starts = self.state == State::Calibrating;
+                    let error = if starts { Error::StartupCalibration } else { Error::CalibrationFailed };
+                    self.fail(at, error, out);
+                }
+                // "The device will print an error 71 to the terminal screen" (MC 5-81).
+                hybrid::Event::IsWarm => {
+                    self.send_to_all(at, hybrid::WARNING, out);
+                    self.fail(at, Error::TemperatureWarning, out);
+                }
+                hybrid::Event::Reached(condition) => self.trip_on_status(at, condition, out),
+                hybrid::Event::Limit(error, condition) => {
+                    // If TA is enabled for this condition, the trip replaces the error: "There is no error
+                    // generation when enabling trip" (MC 5-71).
+                    if !self.trips_on_status(condition) {
+                        self.fail(at, error, out);
+                    }
+                    self.trip_on_status(at, condition, out);
+                }
+            }
+        }
+    }
+
+    /// Returns true if anything moves. S, SC, CF, MS and similar commands are refused then.
+    pub(super) fn is_in_motion(&self) -> bool {
+        self.motion.is_moving() || self.hybrid.turns()
+    }
+
+    /// Starts a calibration; see [`Hybrid::calibrate`].
+    ///
+    /// # Errors
+    /// As [`Hybrid::calibrate`].
+    pub(super) fn calibrate(
+        &mut self,
+        at: Instant,
+        clears: bool,
+        out: &mut dyn Context,
+    ) -> Result<bool, Error> {
+        self.run_hybrid(at, out, |hybrid, env| hybrid.calibrate(env, clears))
+    }
+
+    /// Executes SC, or CF if `clears` is true: starts a calibration.
+    ///
+    /// # Errors
+    /// As [`Hybrid::calibrate`].
+    pub(super) fn calibrate_by_command(
+        &mut self,
+        at: Instant,
+        clears: bool,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        let is_cleared = clears && self.hybrid.is_locked();
+        let calibrates = self.calibrate(at, clears, out)?;
+        report(if calibrates || is_cleared { Ok(()) } else { Err(Why::NothingToCalibrate) }, at, out);
+        Ok(())
+    }
+
     fn on_motion_event(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {
         match event {
             motion::Event::Failed(error) => self.fail(at, error, out),
             motion::Event::StopsProgram => self.end_program(),
             motion::Event::Announce => self.send_name(at, out),
         }
-    }
-}
-
-/// Settings of the motion. Without `io` the motion follows no clock and has no home switch.
-pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, io: Option<&Io>) -> motion::Settings {
-    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
-    let byte = |reg| (bank.word(reg) & 0xFF) as u8;
-    let flag = |reg| bank.word(reg) != 0;
-    motion::Settings {
-        start: long(Reg::VI),
-        speed: long(Reg::VM),
-        up: long(Reg::A),
-        down: long(Reg::D),
-        microsteps: bank.word(Reg::MS),
-        settle_ms: bank.word(Reg::MT),
-        hold_delay_ms: bank.word(Reg::HT),
-        run_percent: byte(Reg::RC),
-        hold_percent: byte(Reg::HC),
-        enabled: flag(Reg::DE),
-        response: response(bank),
-        keeps_field: bank.word(Reg::AS) != 0,
-        limit_mode: byte(Reg::LM),
-        jogs: flag(Reg::JE),
-        home_debounce_ms: io.map_or(0, Io::home_debounce_ms),
-        follows_clock: io.is_some_and(Io::follows_clock),
-        ratio: bank.word(Reg::CR),
-        closed: flag(Reg::EE),
-        lines: bank.word(Reg::EL),
-        deadband: bank.word(Reg::DB),
-        stall_factor: bank.word(Reg::SF),
-        goes_on_stalled: flag(Reg::SM),
-        maintains: flag(Reg::PM),
-        machine: machine(bank),
-    }
-}
-
-/// Highest speed that the rotor can follow, in steps/s. SS limits it with AS 1 and 2 only (FB 5.1); an
-/// MDrivePlus has no AS.
-fn response(bank: &Bank<Reg, { Reg::WORDS }>) -> u32 {
-    match bank.word(Reg::AS) {
-        1 | 2 => frequency(bank.word(Reg::SS).into()).unsigned_abs(),
-        _ => u32::MAX,
-    }
-}
-
-/// Parameters of the motor and its load.
-fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> StepperParameters {
-    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
-    StepperParameters {
-        steps_per_rev: bank.word(Reg::FullSteps),
-        holding_unm: long(Reg::HoldingTorque) * 1_000,
-        pull_out_rpm: long(Reg::PullOutSpeed),
-        inertia_gcm2: long(Reg::Inertia),
-        friction_unm: long(Reg::Friction) * 1_000,
-        load_unm: i32::try_from(bank.get(Reg::Load)).unwrap_or(0) * 1_000,
-        ..StepperParameters::NOMINAL
-    }
-}
-
-/// Settings of filters and pulses of the I/O.
-pub(super) fn filters(bank: &Bank<Reg, { Reg::WORDS }>) -> io::Filters {
-    let byte = |reg| (bank.word(reg) & 0xFF) as u8;
-    io::Filters {
-        debounce_ms: [Reg::D1, Reg::D2, Reg::D3, Reg::D4].map(byte),
-        average: byte(Reg::D5),
-        capture: byte(Reg::FC),
-        clock: byte(Reg::FM),
-        pulse: byte(Reg::CW),
-        clocked: bank.word(Reg::CM) != 0,
-        ratio: bank.word(Reg::CR),
     }
 }

@@ -15,6 +15,7 @@ mod motion;
 mod reasons;
 mod registers;
 mod saved;
+mod settings;
 mod startup;
 mod variables;
 

@@ -1,11 +1,12 @@
 //! Start of the drive at power-on, and restart by Ctrl-C or a reset input.
 
-use super::drive::{Drive, Model, State, motion_settings};
+use super::drive::{Drive, Model, State};
 use super::error::{Error, Errors};
 use super::mcode::console::{Consoles, note_lost_input};
 use super::mcode::statement::Place;
 use super::mcode::trip::Trips;
 use super::mcode::vm::Vm;
+use super::settings::motion_settings;
 use crate::device::{Boot, Context, Duration, Instant};
 
 /// Sign-on text, which is sent on MCode connections when the drive is ready (MC 5-26).

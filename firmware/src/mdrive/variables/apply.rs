@@ -2,12 +2,13 @@
 
 use super::{TORQUE, entry, output_bit, step, user_name};
 use crate::device::{Context, Instant};
-use crate::mdrive::drive::{Drive, Model, filters, motion_settings};
+use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::statement::{List, Operand, Parameter};
-use crate::mdrive::motion::{self, Contact, Order};
+use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::Reg;
+use crate::mdrive::settings::{filters, set_motion};
 
 impl Drive {
     /// Gives the motor a motion command: MA, MR, SL, HM or HI, from the bus or from MCode. The registers MA,
@@ -29,7 +30,7 @@ impl Drive {
         }
         report(self.motion.order(at, order, out)?, at, out);
         if order != Order::Slew(0) {
-            report(self.needs_bridge(), at, out);
+            report(self.hybrid.needs_bridge(&self.bank), at, out);
         }
         self.mcode.vm.note_order(order);
         match order {
@@ -68,7 +69,8 @@ impl Drive {
                 self.write(at, reg, value.into(), out)?;
                 match reg {
                     Reg::CA => self.bank.set(Reg::CalibrationMethod, with.into()),
-                    Reg::MU if with == 1 => self.clear_lag(at),
+                    // MCode clears the lag if the second value of MU is 1, as in `MU=2,1`.
+                    Reg::MU if with == 1 => self.motion.clear_lag(at),
                     _ => {}
                 }
                 Ok(())
@@ -192,9 +194,9 @@ impl Drive {
             Reg::HT if is(0) => Err(Why::NeverHolds),
             Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
             Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
-            Reg::DE if is(1) => self.needs_bridge(),
+            Reg::DE if is(1) => self.hybrid.needs_bridge(&self.bank),
             Reg::AS if i64::from(self.stored(reg)) == TORQUE => {
-                self.needs_bridge()?;
+                self.hybrid.needs_bridge(&self.bank)?;
                 if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
             }
             Reg::TD if changes && self.hybrid.has_torque() => Err(Why::TorqueBegan),
@@ -204,14 +206,8 @@ impl Drive {
 
     /// Passes the settings to motion.
     pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Context) {
-        let settings = motion_settings(&self.bank, Some(&self.io));
-        let enabled = settings.enabled && !self.hybrid.is_disabled();
-        let lacked_bridge = self.motion.lacks_bridge();
-        self.motion.set(at, motion::Settings { enabled, ..settings }, out);
-        if self.motion.lacks_bridge() && !lacked_bridge {
-            // "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50).
-            self.bank.set(Reg::MU, 0);
-        }
+        let is_disabled = self.hybrid.is_disabled();
+        set_motion(at, &mut self.bank, &self.io, is_disabled, &mut self.motion, out);
     }
 
     /// Passes the settings to the I/O.

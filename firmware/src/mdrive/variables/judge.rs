@@ -96,7 +96,7 @@ impl Drive {
             Reg::AS => self.stored(reg) == 0 && value != 0,
             // "Bridge is re-enabled after being disabled" (MC 5-9), also if heat or a locked rotor has
             // disabled it (MDRIVE-31).
-            Reg::DE => !self.has_bridge() && value != 0,
+            Reg::DE => !self.hybrid.has_bridge(&self.bank) && value != 0,
             Reg::MS => value != self.stored(reg),
             // EE = 1 changes MS to 256.
             Reg::EE => value != 0 && self.stored(Reg::MS) != CLOSED_MICROSTEPS,

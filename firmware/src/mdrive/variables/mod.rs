@@ -52,8 +52,8 @@ impl Drive {
             Reg::V => self.motion.velocity(at),
             Reg::VC => self.motion.is_changing(at).into(),
             // The register has one byte (FB 5.1).
-            Reg::AF => (self.hybrid_status(at) & 0xFF).into(),
-            Reg::LL => self.lag(at),
+            Reg::AF => (self.hybrid.status(at, &self.bank, &self.motion) & 0xFF).into(),
+            Reg::LL => self.hybrid.lag(at, &self.bank, &self.motion),
             Reg::LR => self.hybrid.is_locked().into(),
             Reg::IT => self.hybrid.temperature(at),
             Reg::BY => self.mcode.vm.is_running().into(),
@@ -69,7 +69,7 @@ impl Drive {
     /// Present value of a variable as MCode reads it: SS and TS in Hz, AF with all its bits.
     pub(super) fn read_mcode(&self, at: Instant, reg: Reg) -> i32 {
         match reg {
-            Reg::AF => self.hybrid_status(at).into(),
+            Reg::AF => self.hybrid.status(at, &self.bank, &self.motion).into(),
             _ if is_frequency(reg) => frequency(self.read(at, reg)),
             _ => self.read(at, reg),
         }

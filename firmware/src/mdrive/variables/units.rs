@@ -3,9 +3,10 @@
 use drivetwin_protocol::registers::Legal;
 
 use super::entry;
-use crate::mdrive::drive::{Drive, motion_settings};
+use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::{Reg, mcode_accepts};
+use crate::mdrive::settings::motion_settings;
 
 /// Maximum of A and D in counts/s² (MC 5-1, 5-16).
 const MAX_COUNTS_PER_S2: i32 = 61_035_160;
