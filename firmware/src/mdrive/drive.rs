@@ -19,7 +19,7 @@
 //! `run_hybrid` those of the circuitry at once.
 
 use drivetwin_protocol::modbus::pdu::Exception;
-use drivetwin_protocol::registers::{Bank, Entries, Register, Space, characters};
+use drivetwin_protocol::registers::{Entries, Register, Space};
 
 use super::STALL;
 use super::error::{Error, Errors};
@@ -29,10 +29,10 @@ use super::mcode::Mcode;
 use super::mcode::statement::Place;
 use super::motion::{self, Contact, Motion};
 use super::reasons::{Why, report};
-use super::registers::{HYBRID, PLUS, Reg, Registers, TABLE_HYBRID};
+use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
 use super::settings::motion_settings;
-use super::variables::{entry, is_number, words};
+use super::variables::{Registers, entry, is_number, words};
 use crate::device::{Boot, Context, Fault, Instant, PresetError};
 
 /// The two products.
@@ -83,7 +83,6 @@ pub(super) enum State {
 /// State of the drive with all its modules.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
-    pub(super) model: Model,
     pub(super) boot: Boot,
     pub(super) state: State,
     pub(super) saving: Option<Saving>,
@@ -99,10 +98,9 @@ impl Drive {
     // Inlined to build the value in its final place: a copy would need room on a board's stack.
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
-        let bank = Bank::of(model.entries());
+        let bank = Registers::new(model);
         let motion = Motion::new(motion_settings(&bank, None));
         Self {
-            model,
             boot: Boot::default(),
             state: State::Off,
             saving: None,
@@ -165,17 +163,6 @@ impl Drive {
         if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
     }
 
-    /// Identification text, joined from the registers of its halves, such as
-    /// [`PART_NUMBER`](super::registers::PART_NUMBER).
-    pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
-        let mut text = heapless::Vec::new();
-        for character in halves.iter().flat_map(|&half| characters(self.bank.get(half))) {
-            // The text has room for two halves.
-            let _ = text.push(character);
-        }
-        text
-    }
-
     /// Switches the power off. Only presets follow until the next power-on.
     pub(super) fn power_off(&mut self) {
         self.state = State::Off;
@@ -193,7 +180,7 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
         let row = entry(reg);
-        if !self.has(reg) {
+        if !self.bank.has(reg) {
             return Err(PresetError::NoSuchRegister);
         }
         if self.state == State::Off {
@@ -242,7 +229,8 @@ impl Drive {
             }
         }
         self.update_hybrid(at, out);
-        self.update_party();
+        // Whatever has changed PY.
+        self.mcode.consoles.set_party(self.bank.is_party());
         let plan_changed = self.motion.has_changed();
         if plan_changed || self.io.wants_plan() {
             self.io.plan(at, self.motion.plan(), out);
@@ -332,8 +320,8 @@ impl Drive {
         out: &mut dyn Context,
         run: impl FnOnce(&mut Hybrid, &mut Environment<'_>) -> T,
     ) -> T {
-        let (model, registers, io, motion) = (self.model, &mut self.bank, &self.io, &mut self.motion);
-        let result = run(&mut self.hybrid, &mut Environment { at, model, registers, io, motion, out });
+        let (registers, io, motion) = (&mut self.bank, &self.io, &mut self.motion);
+        let result = run(&mut self.hybrid, &mut Environment { at, registers, io, motion, out });
         self.take_hybrid_events(at, out);
         result
     }

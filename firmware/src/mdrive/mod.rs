@@ -203,7 +203,7 @@ impl Mdrive {
 
 impl Device for Mdrive {
     fn spec(&self) -> &'static Spec {
-        match self.drive.model {
+        match self.drive.bank.model() {
             Model::Plus => &MDRIVE,
             Model::Hybrid => &MDRIVE_HYBRID,
         }

@@ -4,7 +4,7 @@
 use core::ops::RangeInclusive;
 
 use crate::motor::stepper::StepperParameters;
-use drivetwin_protocol::registers::{Bank, Entries, Entry, Register, Row, Table, entries, text};
+use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Table, entries, text};
 
 use super::fields;
 
@@ -362,9 +362,6 @@ pub(super) fn mcode_accepts(reg: Reg, value: i64) -> bool {
         _ => Reg::ENTRIES.list.get(reg.row()).is_some_and(|entry| entry.accepts(value)),
     }
 }
-
-/// The values of all rows.
-pub(super) type Registers = Bank<Reg, { Reg::WORDS }>;
 
 /// All rows, for other tables that are computed at compile time.
 pub(super) const ROWS: &[Row] = &Reg::ROWS;

@@ -5,13 +5,13 @@
 //! both parts are invalid. So after a power failure the memory has either the old values or the new ones, or
 //! fails its test (error 70).
 
-use drivetwin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::registers::Bank;
 
 use super::drive::Drive;
 use super::error::Error;
 use super::io::Io;
 use super::mcode::{names, program};
-use super::registers::{LASTING, Reg};
+use super::registers::Reg;
 use super::variables::{entry, is_number, words};
 use crate::device::{Context, Duration, Instant, NullContext, PresetError};
 use crate::memory::{self, Content, Save};
@@ -42,61 +42,12 @@ impl Drive {
     /// Loads variables, global user variables and the program when the drive starts. Returns true if the
     /// memory was good (error 70 if not). The factory's values replace bad parts.
     pub(super) fn load(&mut self, out: &dyn Context) -> bool {
-        let saved = self.load_variables(out) && self.load_globals(out);
+        let saved = self.bank.load(out) && self.load_globals(out);
         if !saved {
-            self.factory_reset();
+            self.bank.factory_reset();
             self.mcode.names = names::Names::new();
         }
         self.load_program(out) && saved
-    }
-
-    /// Loads the variables. If nothing was ever saved, they have the factory's values. Returns false if the
-    /// memory is bad.
-    fn load_variables(&mut self, out: &dyn Context) -> bool {
-        let entries = self.model.entries();
-        self.factory_reset();
-        let content = memory::content(out.memory(), Reg::SAVED_WORDS);
-        if content == Content::Good {
-            memory::load(entries, out.memory(), self.bank.words_mut());
-            let [method, mode] = self.bank.word(Reg::CA).to_be_bytes();
-            self.bank.set(Reg::CalibrationMethod, (method & 1).into());
-            self.bank.set(Reg::CA, mode.into());
-            self.sanitize();
-        }
-        content != Content::Bad
-    }
-
-    /// Resets values that no save could have stored, for example because the memory is from the other model.
-    fn sanitize(&mut self) {
-        let entries = self.model.entries();
-        for (row, entry) in entries.list.iter().enumerate() {
-            let value = entries.value(self.bank.words(), row);
-            if entry.saved != 0 && !Reg::from_row(row).is_some_and(|reg| self.is_possible(reg, value)) {
-                entries.put(self.bank.words_mut(), row, entry.reset);
-            }
-        }
-        // Each value alone is possible now. The values must also fit each other.
-        let rows = entries.list.iter().enumerate().filter(|(_, entry)| entry.saved != 0);
-        let mut numbers = rows.filter_map(|(row, _)| Reg::from_row(row)).filter(|&reg| is_number(reg));
-        let stored = |reg| self.stored(reg);
-        let conflicts = |reg| {
-            self.has(reg)
-                && !self.is_in_counts(reg)
-                && self.validate_together(reg, stored(reg), &stored).is_err()
-        };
-        if stored(Reg::VI) >= stored(Reg::VM) || numbers.any(conflicts) {
-            self.factory_reset();
-        }
-    }
-
-    /// Resets all variables to the factory's values, except [`LASTING`], which the drive itself never
-    /// changes.
-    fn factory_reset(&mut self) {
-        let lasting = LASTING.map(|reg| self.bank.get(reg));
-        self.bank = Bank::of(self.model.entries());
-        for (reg, value) in LASTING.into_iter().zip(lasting) {
-            self.bank.set(reg, value);
-        }
     }
 
     /// Loads the global user variables. Returns false if the memory is bad.
@@ -144,7 +95,7 @@ impl Drive {
         // The second value of CA is stored in the high byte of CA. Older memories, without a second value,
         // have 0 there.
         self.bank.set(Reg::CA, mode | self.bank.get(Reg::CalibrationMethod) << 8);
-        let (entries, words) = (self.model.entries(), self.bank.words());
+        let (entries, words) = (self.bank.model().entries(), self.bank.words());
         let variables = Save::of_rows::<VARIABLES>(entries, words, at, SAVE, out);
         self.bank.set(Reg::CA, mode);
         self.saving = Some(Saving { variables, globals });
@@ -157,7 +108,7 @@ impl Drive {
         if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {
             return;
         }
-        let entries = self.model.entries();
+        let entries = self.bank.model().entries();
         let mut saved = Bank::<Reg, { Reg::WORDS }>::of(entries);
         memory::load(entries, out.memory(), saved.words_mut());
         if saved.word(Reg::LK) != 0 {
@@ -188,7 +139,7 @@ impl Drive {
         }
         // A save in progress is finished first, because it was commanded before IP.
         self.finish_save(at, out);
-        let good = self.load_variables(out);
+        let good = self.bank.load(out);
         self.apply_variables(at, out);
         if good { Ok(()) } else { Err(Error::Flash) }
     }
@@ -204,7 +155,7 @@ impl Drive {
         }
         self.clear_activity();
         let serial = self.bank.get(Reg::SerialCommands);
-        self.factory_reset();
+        self.bank.factory_reset();
         self.bank.set(Reg::SerialCommands, serial);
         self.mcode.names = names::Names::new();
         self.apply_variables(at, out);
@@ -228,9 +179,9 @@ impl Drive {
     fn apply_set_ups(&mut self, at: Instant, out: &mut dyn Context) {
         self.io.begin_load();
         for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4, Reg::S5, Reg::S7, Reg::S8, Reg::S13] {
-            if self.has(reg) && self.set_up(at, reg, self.set_up_of(reg), out).is_err() {
+            if self.bank.has(reg) && self.set_up(at, reg, self.bank.set_up_of(reg), out).is_err() {
                 self.bank.set(reg, entry(reg).reset);
-                let _ = self.set_up(at, reg, self.set_up_of(reg), out);
+                let _ = self.set_up(at, reg, self.bank.set_up_of(reg), out);
             }
         }
         self.io.end_load(at, out);
@@ -244,7 +195,7 @@ impl Drive {
         value: i64,
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
-        if !self.load_variables(out) || !self.load_globals(out) {
+        if !self.bank.load(out) || !self.load_globals(out) {
             return Err(PresetError::BadMemory);
         }
         match i32::try_from(value) {
@@ -257,9 +208,9 @@ impl Drive {
                 validated.map_err(|_| PresetError::OutOfRange)?;
             }
             Ok(value) => {
-                let validated = self.validate(at, reg, value, &|other| self.stored(other));
+                let validated = self.validate(at, reg, value, &|other| self.bank.stored(other));
                 validated.map_err(|_| PresetError::OutOfRange)?;
-                self.store(reg, value);
+                self.bank.store(reg, value);
             }
             Err(_) => return Err(PresetError::OutOfRange),
         }

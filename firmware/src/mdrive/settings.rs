@@ -3,7 +3,8 @@
 use super::hybrid::frequency;
 use super::io::{self, Io};
 use super::motion::{self, Motion};
-use super::registers::{Reg, Registers};
+use super::registers::Reg;
+use super::variables::Registers;
 use crate::device::{Context, Instant};
 use crate::motor::stepper::StepperParameters;
 

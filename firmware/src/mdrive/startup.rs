@@ -93,7 +93,7 @@ impl Drive {
     pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Calibrating;
         self.io.ready();
-        if self.model == Model::Hybrid {
+        if self.bank.model() == Model::Hybrid {
             if self.boot.fast {
                 self.hybrid.set_calibrated();
             } else if let Err(error) = self.calibrate(at, false, out) {

@@ -8,7 +8,8 @@ use super::status::condition;
 use super::{Environment, Event, Hybrid, mode};
 use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
-use crate::mdrive::registers::{Reg, Registers};
+use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::Registers;
 use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
 
 /// Moves of a calibration, in full steps, and their durations. With three waits of CT = 250 ms they make 3.12
@@ -72,6 +73,14 @@ impl Hybrid {
 
     pub(in crate::mdrive) fn is_calibrating(&self) -> bool {
         matches!(self.calibration, Calibration::Runs(_))
+    }
+
+    /// Checks that motion commands are allowed.
+    ///
+    /// # Errors
+    /// Error 88 during a calibration.
+    pub(in crate::mdrive) fn takes_orders(&self) -> Result<(), Error> {
+        if self.is_calibrating() { Err(Error::Calibrating) } else { Ok(()) }
     }
 }
 

@@ -26,8 +26,9 @@ use super::drive::Model;
 use super::error::Error;
 use super::io::Io;
 use super::motion::Motion;
-use super::registers::{Reg, Registers};
+use super::registers::Reg;
 use super::settings::set_motion;
+use super::variables::Registers;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Context, Fault, Instant};
 use heapless::Deque;
@@ -100,7 +101,6 @@ impl Events {
 /// The rest of the drive as the circuitry sees it, at one instant.
 pub(super) struct Environment<'a> {
     pub(super) at: Instant,
-    pub(super) model: Model,
     pub(super) registers: &'a mut Registers,
     pub(super) io: &'a Io,
     pub(super) motion: &'a mut Motion,
@@ -194,7 +194,7 @@ impl Hybrid {
             LAG_LIMIT if comes => self.events.push(Event::Limit(Error::LagLimit, condition::LAG)),
             LOCKED_ROTOR if on && self.watches_rotor(env.registers) => self.lock(env),
             LOCKED_ROTOR if is_in_torque_mode(env.registers) => self.is_locked = false,
-            OVER_TEMPERATURE if env.model == Model::Hybrid => self.heat.set(env.at, on),
+            OVER_TEMPERATURE if env.registers.model() == Model::Hybrid => self.heat.set(env.at, on),
             _ => {}
         }
     }
@@ -210,7 +210,10 @@ impl Hybrid {
     /// Predicts when C1 reaches an end of its range, after a change of the plan or at that time. There C1
     /// wraps to the other end, and a Hybrid reports error 105.
     pub(super) fn watch_position(&mut self, env: &mut Environment<'_>) {
-        let Environment { at, model: Model::Hybrid, ref motion, .. } = *env else { return };
+        if env.registers.model() == Model::Plus {
+            return;
+        }
+        let (at, motion) = (env.at, &*env.motion);
         if self.position_due <= at {
             self.events.push(Event::Failed(Error::MaximumPosition));
         }
@@ -223,7 +226,7 @@ impl Hybrid {
 
     /// Checks the rotor of a Hybrid, and warns above WT.
     pub(super) fn watch(&mut self, env: &mut Environment<'_>) {
-        if env.model == Model::Plus {
+        if env.registers.model() == Model::Plus {
             return;
         }
         self.watch_rotor(env);
@@ -236,7 +239,7 @@ impl Hybrid {
 
     /// Switches the bridge off at [`SHUTDOWN`]. An MDrivePlus² does so as soon as its electronics heat up.
     pub(super) fn watch_heat(&mut self, env: &mut Environment<'_>) {
-        if env.model == Model::Plus {
+        if env.registers.model() == Model::Plus {
             if self.causes.has(OVER_TEMPERATURE) {
                 self.overheat(env, Error::LinearOverTemperature);
             }

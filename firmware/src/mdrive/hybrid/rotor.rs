@@ -10,7 +10,8 @@ use super::status::{Limit, condition};
 use super::{Environment, Event, Hybrid, LOCKED_ROTOR, frequency, is_in_torque_mode};
 use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
-use crate::mdrive::registers::{Reg, Registers};
+use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::Registers;
 use crate::motion::{Limits, MAX_ACCELERATION};
 
 /// Full steps in a revolution, for the accelerations and speeds in this file.

@@ -6,7 +6,8 @@ use super::{Hybrid, LAG_LIMIT, LEAD_LIMIT, is_in_torque_mode, mode};
 use crate::device::Instant;
 use crate::mdrive::motion::Motion;
 use crate::mdrive::reasons::Why;
-use crate::mdrive::registers::{Reg, Registers};
+use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::Registers;
 
 /// Bits of AF (MC 5-2).
 mod bit {

@@ -124,7 +124,7 @@ impl Drive {
     }
 
     fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
-        let party = self.is_party();
+        let party = self.bank.is_party();
         if party && !self.is_for_me(at, link, character, out) {
             return;
         }
@@ -190,7 +190,7 @@ impl Drive {
                 false
             }
             (PartyAddress::Next, name) if active => {
-                self.call(link, self.addressee(name));
+                self.call(link, self.bank.addressee(name));
                 // Table 7.2 shows no echo of the name, but hardware sends it (MDRIVE-40).
                 if self.echo_mode() == echo::FULL {
                     self.answer(at, link, &[name], out);
@@ -233,7 +233,7 @@ impl Drive {
         if !prints_alone {
             self.end_echo(at, link, &line, out);
         }
-        let sums = self.check_sums();
+        let sums = self.bank.check_sums();
         let spoiled = sums != 0 && !is_checked(name, &line);
         if sums != 0 {
             line.pop();
@@ -258,7 +258,7 @@ impl Drive {
         let line = mem::take(&mut console.line);
         console.refused = true;
         self.end_echo(at, link, &line, out);
-        self.conclude(at, link, &line, self.check_sums(), Err(Error::Unknown), out);
+        self.conclude(at, link, &line, self.bank.check_sums(), Err(Error::Unknown), out);
     }
 
     /// Handles Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
@@ -267,7 +267,7 @@ impl Drive {
         *console = Console { programming: console.programming, ..Console::new(link, console.address_state) };
         self.end_program();
         self.motion.halt(at, out);
-        if !self.is_party() {
+        if !self.bank.is_party() {
             self.end_echo(at, link, b"", out);
             return self.answer(at, link, self.prompt(), out);
         }
@@ -293,7 +293,7 @@ impl Drive {
         if mode == echo::AFTERWARDS {
             self.answer(at, link, line, out);
         }
-        if mode != echo::NONE && self.check_sums() == 0 {
+        if mode != echo::NONE && self.bank.check_sums() == 0 {
             self.answer(at, link, CR_LF, out);
         }
     }
@@ -423,7 +423,7 @@ impl Drive {
     pub(super) fn recipients(&self, link: Link) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
-        if console.is_some_and(|console| self.answers(console.address_state)) {
+        if console.is_some_and(|console| self.bank.answers(console.address_state)) {
             // The list has room for one connection.
             let _ = links.push(link);
         }

@@ -209,7 +209,7 @@ impl Drive {
             (Trip::Capture, _) => Reg::S13,
             _ => return Ok(()),
         };
-        let [kind, ..] = self.set_up_of(set_up);
+        let [kind, ..] = self.bank.set_up_of(set_up);
         if OUTPUTS.contains(&kind) || kind == TRIP_OUTPUT { Err(Error::IllegalTrip) } else { Ok(()) }
     }
 

@@ -22,9 +22,7 @@ impl Drive {
         order: Order,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        if self.hybrid.is_calibrating() {
-            return Err(Error::Calibrating);
-        }
+        self.hybrid.takes_orders()?;
         if matches!(order, Order::Home(_)) && self.io.contact(Contact::Home).is_none() {
             return Err(Error::NoHomeSwitch);
         }
@@ -90,7 +88,7 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), Error> {
         let [kind, second, _] = values;
-        if !self.has_type(kind) {
+        if !self.bank.has_type(kind) {
             return Err(Error::IllegalType);
         }
         match reg {
@@ -109,7 +107,7 @@ impl Drive {
         if let Reg::S7 | Reg::S8 = reg {
             // The two points always have the same type (MC 5-66).
             let pair = if reg == Reg::S7 { Reg::S8 } else { Reg::S7 };
-            let [_, active, _] = self.set_up_of(pair);
+            let [_, active, _] = self.bank.set_up_of(pair);
             self.bank.set(pair, i64::from(kind) << 16 | i64::from(active));
         }
         self.set_motion(at, out);
@@ -131,7 +129,7 @@ impl Drive {
         match reg {
             Reg::C1 => self.motion.set_steps(at, value),
             Reg::C2 => self.motion.set_counts(at, value),
-            Reg::P if self.is_closed() => self.motion.set_counts(at, value),
+            Reg::P if self.bank.is_closed() => self.motion.set_counts(at, value),
             Reg::P => self.motion.set_steps(at, value),
             Reg::ER => self.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
@@ -164,15 +162,15 @@ impl Drive {
     /// Stores a variable's value and applies it.
     fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Context) -> Result<(), Error> {
         let calibrates = self.calibrates(reg, value);
-        let changes = value != self.stored(reg);
-        self.store(reg, value);
+        let changes = value != self.bank.stored(reg);
+        self.bank.store(reg, value);
         match reg {
             Reg::D5 | Reg::FC | Reg::FM | Reg::CW => self.set_filters(at, out),
             Reg::D1 | Reg::D2 | Reg::D3 | Reg::D4 | Reg::CM | Reg::CR => {
                 self.set_filters(at, out);
                 self.set_motion(at, out);
             }
-            Reg::DE if self.model == Model::Plus => {
+            Reg::DE if self.bank.model() == Model::Plus => {
                 self.hybrid.enable();
                 self.set_motion(at, out);
             }
@@ -188,14 +186,14 @@ impl Drive {
     /// Returns the reason if a value that has been stored has no effect now. `changes` is true if it differs
     /// from the value before.
     fn has_effect(&self, reg: Reg, changes: bool) -> Result<(), Why> {
-        let is = |value| self.stored(reg) == value;
+        let is = |value| self.bank.stored(reg) == value;
         match reg {
             Reg::A | Reg::D | Reg::VI | Reg::VM if changes => self.motion.needs_rates(reg == Reg::VM),
             Reg::HT if is(0) => Err(Why::NeverHolds),
             Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
             Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
             Reg::DE if is(1) => self.hybrid.needs_bridge(&self.bank),
-            Reg::AS if i64::from(self.stored(reg)) == TORQUE => {
+            Reg::AS if i64::from(self.bank.stored(reg)) == TORQUE => {
                 self.hybrid.needs_bridge(&self.bank)?;
                 if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
             }

@@ -1,14 +1,17 @@
 //! Reading and writing of variables, by the bus and by MCode.
 //!
-//! All values of a write are validated first (`judge`), then applied (`apply`). EE changes units (`units`).
+//! The drive stores a value of each (`stored`). All values of a write are validated first (`judge`), then
+//! applied (`apply`). EE changes units (`units`).
 
 mod apply;
 mod judge;
+mod stored;
 mod units;
 
 use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
 
 pub(super) use self::judge::{illegal, refuses};
+pub(super) use self::stored::Registers;
 use super::drive::{Drive, Model};
 use super::error::Error;
 use super::hybrid::{divider, frequency};
@@ -29,7 +32,7 @@ impl Drive {
         match reg {
             Reg::C1 => self.motion.steps(at),
             Reg::C2 => self.motion.counts(at),
-            Reg::P if self.is_closed() => self.motion.counts(at),
+            Reg::P if self.bank.is_closed() => self.motion.counts(at),
             Reg::P => self.motion.steps(at),
             Reg::EF => self.errors.is_set().into(),
             Reg::ER => self.errors.number().into(),
@@ -48,7 +51,7 @@ impl Drive {
             Reg::ST => self.motion.has_stalled().into(),
             Reg::TE => self.mcode.trips.enabled().into(),
             // In torque mode V is 0 (FB 5, V).
-            Reg::V if self.model == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
+            Reg::V if self.bank.model() == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
             Reg::V => self.motion.velocity(at),
             Reg::VC => self.motion.is_changing(at).into(),
             // The register has one byte (FB 5.1).
@@ -61,7 +64,7 @@ impl Drive {
             Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
             _ => match user_name(reg) {
                 Some(name) => self.user_variable(name).unwrap_or(0),
-                None => self.stored(reg),
+                None => self.bank.stored(reg),
             },
         }
     }
@@ -90,7 +93,7 @@ impl Drive {
         match operand {
             Operand::Number(number) => Ok(number),
             Operand::Ratio(thousandths) => Ok(thousandths / RATIO_ONE),
-            Operand::Variable(Reg::CR) => Ok(self.stored(Reg::CR) / RATIO_ONE),
+            Operand::Variable(Reg::CR) => Ok(self.bank.stored(Reg::CR) / RATIO_ONE),
             Operand::Variable(reg) => {
                 let value = self.read_mcode(at, reg);
                 self.has_read(reg);
@@ -107,14 +110,14 @@ impl Drive {
     pub(super) fn thousandths(&mut self, at: Instant, operand: Operand) -> Result<i64, Error> {
         match operand {
             Operand::Ratio(thousandths) => Ok(thousandths.into()),
-            Operand::Variable(Reg::CR) => Ok(self.stored(Reg::CR).into()),
+            Operand::Variable(Reg::CR) => Ok(self.bank.stored(Reg::CR).into()),
             whole => self.operand(at, whole).map(|value| i64::from(value) * i64::from(RATIO_ONE)),
         }
     }
 
     /// Returns true if a row is present: the model has it, and a user variable is declared.
     pub(super) fn is_present(&self, reg: Reg) -> bool {
-        self.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
+        self.bank.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
     }
 
     /// Writes a variable: validates, then applies it.
@@ -129,7 +132,7 @@ impl Drive {
         value: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        self.validate(at, reg, value, &|other| self.stored(other))?;
+        self.validate(at, reg, value, &|other| self.bank.stored(other))?;
         self.apply(at, reg, value, out)
     }
 
@@ -165,23 +168,8 @@ impl Drive {
         by: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let value = self.counted(at, reg, by, self.stored(reg))?;
+        let value = self.counted(at, reg, by, self.bank.stored(reg))?;
         self.write(at, reg, value, out)
-    }
-
-    /// Stored values of a set-up. Unused values at the end are 0.
-    pub(super) fn set_up_of(&self, reg: Reg) -> [u16; 3] {
-        words(reg, self.bank.get(reg))
-    }
-
-    /// Last written value of a variable.
-    pub(super) fn stored(&self, reg: Reg) -> i32 {
-        i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX)
-    }
-
-    /// Returns true if this drive's model has a row.
-    pub(super) fn has(&self, reg: Reg) -> bool {
-        entry(reg).variants & self.model.variant() != 0
     }
 
     /// Returns true if there is a user variable of that name.
