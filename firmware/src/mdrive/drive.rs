@@ -27,6 +27,7 @@ use super::hybrid::{self, Environment, Hybrid};
 use super::io::{self, Io};
 use super::mcode::Mcode;
 use super::mcode::statement::Place;
+use super::mcode::trip::Made;
 use super::motion::{self, Contact, Motion};
 use super::reasons::{Why, report};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
@@ -238,8 +239,9 @@ impl Drive {
         if plan_changed || self.hybrid.deadline() <= at {
             self.run_hybrid(at, out, Hybrid::watch_position);
         }
-        if plan_changed || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
-            self.check_trips(at, out);
+        if plan_changed || self.mcode.trips.deadline() <= at || self.mcode.trips.is_on_counts(&self.motion) {
+            let made = self.mcode.trips.check(at, &self.motion);
+            self.carry_out_trips(at, made, out);
         }
         self.check_standstill(at);
         self.sign_on(at, out);
@@ -266,9 +268,13 @@ impl Drive {
             io::Event::Clock(steps) => {
                 let from = self.motion.steps(at);
                 self.motion.follow(at, steps, out);
-                self.trip_on_steps(at, from, out);
+                let made = self.mcode.trips.on_steps(at, from, &self.motion);
+                self.carry_out_trips(at, made, out);
             }
-            io::Event::Active(_) | io::Event::Capture => self.trip_on(at, event, out),
+            io::Event::Active(_) | io::Event::Capture => {
+                let made = self.mcode.trips.on_io_event(at, event, &self.motion);
+                self.carry_out_trips(at, made, out);
+            }
             io::Event::Go => {
                 if let Err(error) = self.start_program(at, Place::Address(1), 0) {
                     self.fail(at, error, out);
@@ -301,6 +307,24 @@ impl Drive {
         }
         if moves {
             self.fail(at, Error::StoppedMotion, out);
+        }
+    }
+
+    /// Trips TA if one of these conditions of the Hybrid is selected.
+    pub(super) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
+        let made = self.mcode.trips.on_status(at, flags, &self.motion);
+        self.carry_out_trips(at, made, out);
+    }
+
+    /// Makes the pulses of trips, and calls their subroutines.
+    fn carry_out_trips(&mut self, at: Instant, made: Made, out: &mut dyn Context) {
+        for trip in made.trips() {
+            if trip.pulses() {
+                self.io.pulse(at, out);
+            }
+            if self.mcode.trips.subroutine(trip.bit()).is_some() {
+                self.call_trip(at, trip, out);
+            }
         }
     }
 
@@ -345,7 +369,7 @@ impl Drive {
                 hybrid::Event::Limit(error, condition) => {
                     // If TA is enabled for this condition, the trip replaces the error: "There is no error
                     // generation when enabling trip" (MC 5-71).
-                    if !self.trips_on_status(condition) {
+                    if !self.mcode.trips.is_on_status(condition) {
                         self.fail(at, error, out);
                     }
                     self.trip_on_status(at, condition, out);

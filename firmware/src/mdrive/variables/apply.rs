@@ -1,10 +1,9 @@
 //! Effects of writing variables.
 
-use super::{TORQUE, entry, output_bit, step, user_name};
+use super::{TORQUE, output_bit, step, user_name};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
-use crate::mdrive::mcode::statement::{List, Operand, Parameter};
 use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::Reg;
@@ -41,79 +40,6 @@ impl Drive {
         Ok(())
     }
 
-    /// Writes a variable of several values: S1 to S13, CA, MU, a trip. An omitted value after the first one
-    /// is 0.
-    ///
-    /// # Errors
-    /// Error 6, 8, 9, 11, 12, 21, 30, 38 or 39; nothing has changed then.
-    pub(in crate::mdrive) fn write_list(
-        &mut self,
-        at: Instant,
-        list: List,
-        parameters: &[Parameter],
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        match list {
-            List::Trip(trip) => self.define_trip(at, trip, parameters),
-            List::Io(reg) => {
-                let values = self.values(at, usize::from(entry(reg).shape.words()), parameters)?;
-                self.set_up(at, reg, values, out)
-            }
-            List::With(reg) => {
-                let [value, with, _] = self.values(at, 2, parameters)?;
-                if with > 1 {
-                    return Err(Error::IllegalValue);
-                }
-                self.write(at, reg, value.into(), out)?;
-                match reg {
-                    Reg::CA => self.bank.set(Reg::CalibrationMethod, with.into()),
-                    // MCode clears the lag if the second value of MU is 1, as in `MU=2,1`.
-                    Reg::MU if with == 1 => self.motion.clear_lag(at),
-                    _ => {}
-                }
-                Ok(())
-            }
-        }
-    }
-
-    /// Sets up an I/O point.
-    ///
-    /// # Errors
-    /// Error 6, 8, 11 or 21; nothing has changed then.
-    pub(in crate::mdrive) fn set_up(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        values: [u16; 3],
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        let [kind, second, _] = values;
-        if !self.bank.has_type(kind) {
-            return Err(Error::IllegalType);
-        }
-        match reg {
-            Reg::S1 => self.io.set_up(at, 1, values, out),
-            Reg::S2 => self.io.set_up(at, 2, values, out),
-            Reg::S3 => self.io.set_up(at, 3, values, out),
-            Reg::S4 => self.io.set_up(at, 4, values, out),
-            Reg::S5 => self.io.set_up_analogue(at, [kind, second]),
-            Reg::S7 => self.io.set_up_clock(at, 7, [kind, second], out),
-            Reg::S8 => self.io.set_up_clock(at, 8, [kind, second], out),
-            Reg::S13 => self.io.set_up_capture(at, [kind, second], out),
-            _ => Err(Error::IllegalIo),
-        }?;
-        let words = values.iter().take(usize::from(entry(reg).shape.words()));
-        self.bank.set(reg, words.fold(0, |all, &word| all << 16 | i64::from(word)));
-        if let Reg::S7 | Reg::S8 = reg {
-            // The two points always have the same type (MC 5-66).
-            let pair = if reg == Reg::S7 { Reg::S8 } else { Reg::S7 };
-            let [_, active, _] = self.bank.set_up_of(pair);
-            self.bank.set(pair, i64::from(kind) << 16 | i64::from(active));
-        }
-        self.set_motion(at, out);
-        Ok(())
-    }
-
     /// Applies a write that has passed validation.
     ///
     /// # Errors
@@ -143,7 +69,10 @@ impl Drive {
             Reg::OL | Reg::OT => self.write_outputs(at, 0xF, value, out),
             Reg::IF => self.mcode.vm.set_input_pending(value != 0),
             Reg::ST => self.motion.set_stalled(value != 0),
-            Reg::TE => return self.enable_trips(at, (value & 0xFF) as u8, out),
+            Reg::TE => {
+                let mask = (value & 0xFF) as u8;
+                report(self.mcode.trips.enable(at, mask, &self.bank, &self.motion)?, at, out);
+            }
             Reg::MA => return self.order(at, Order::To { position: value, notify_on_end, continuous }, out),
             Reg::MR => return self.order(at, Order::By { distance: value, notify_on_end, continuous }, out),
             Reg::SL => return self.order(at, Order::Slew(value), out),
@@ -224,26 +153,5 @@ impl Drive {
                 let _ = self.io.write(at, n, active & bit != 0, out);
             }
         }
-    }
-
-    /// Evaluates the values of a list, which has at most `count` of them. The first is required; others that
-    /// are omitted are 0.
-    fn values(&mut self, at: Instant, count: usize, parameters: &[Parameter]) -> Result<[u16; 3], Error> {
-        if parameters.len() > count {
-            return Err(Error::IllegalValue);
-        }
-        if matches!(parameters.first(), None | Some(Parameter::Absent)) {
-            return Err(Error::IllegalData);
-        }
-        let mut values = [0; 3];
-        for (value, &parameter) in values.iter_mut().zip(parameters) {
-            let number = match parameter {
-                Parameter::Absent => 0,
-                Parameter::Value(operand) => self.operand(at, operand)?,
-                Parameter::Label(name) => self.operand(at, Operand::User(name))?,
-            };
-            *value = u16::try_from(number).map_err(|_| Error::IllegalValue)?;
-        }
-        Ok(values)
     }
 }

@@ -48,7 +48,7 @@ impl Drive {
                 let value = self.counted(at, counted, step(reg), stored)?;
                 self.validate(at, counted, value, as_is)
             }
-            Reg::TE => self.validate_trips(value),
+            Reg::TE => self.mcode.trips.validate(value, &self.bank),
             // "Once the default character has been changed it can not be reset" (MC 5-20).
             Reg::DN if value != self.bank.stored(Reg::DN) && !is_name(value.into()) => {
                 Err(Error::IllegalValue)

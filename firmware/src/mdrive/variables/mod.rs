@@ -1,10 +1,11 @@
 //! Reading and writing of variables, by the bus and by MCode.
 //!
 //! The drive stores a value of each (`stored`). All values of a write are validated first (`judge`), then
-//! applied (`apply`). EE changes units (`units`).
+//! applied (`apply`, `lists`). EE changes units (`units`).
 
 mod apply;
 mod judge;
+mod lists;
 mod stored;
 mod units;
 
@@ -32,8 +33,7 @@ impl Drive {
         match reg {
             Reg::C1 => self.motion.steps(at),
             Reg::C2 => self.motion.counts(at),
-            Reg::P if self.bank.is_closed() => self.motion.counts(at),
-            Reg::P => self.motion.steps(at),
+            Reg::P => self.motion.displayed_position(at),
             Reg::EF => self.errors.is_set().into(),
             Reg::ER => self.errors.number().into(),
             Reg::I1 | Reg::O1 => self.io.is_active(1).into(),
