@@ -29,7 +29,6 @@ use super::mcode::Mcode;
 use super::mcode::statement::Place;
 use super::mcode::trip::Made;
 use super::motion::{self, Contact, Motion};
-use super::reasons::{Why, report};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
 use super::settings::motion_settings;
@@ -86,7 +85,7 @@ pub(super) enum State {
 pub(super) struct Drive {
     pub(super) boot: Boot,
     pub(super) state: State,
-    pub(super) saving: Option<Saving>,
+    pub(super) saving: Saving,
     pub(super) bank: Registers,
     pub(super) errors: Errors,
     pub(super) io: Io,
@@ -104,7 +103,7 @@ impl Drive {
         Self {
             boot: Boot::default(),
             state: State::Off,
-            saving: None,
+            saving: Saving::NONE,
             bank,
             errors: Errors::NONE,
             io: Io::OPEN,
@@ -115,7 +114,7 @@ impl Drive {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        let own = self.startup_due().min(self.save_due());
+        let own = self.startup_due().min(self.saving.due());
         let machine = self.motion.deadline().min(self.io.deadline()).min(self.hybrid.deadline());
         let mcode = &self.mcode;
         let lines = mcode.consoles.deadline().min(mcode.vm.deadline()).min(mcode.trips.deadline());
@@ -126,8 +125,8 @@ impl Drive {
         if self.startup_due() <= at {
             self.ready(at, out);
         }
-        if self.save_due() <= at {
-            self.finish_save(at, out);
+        if self.saving.due() <= at {
+            self.saving.finish(at, out);
         }
         if self.io.deadline() <= at {
             self.io.timeout(at, out);
@@ -212,12 +211,6 @@ impl Drive {
         })
     }
 
-    /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
-    pub(super) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
-        self.errors.set(error);
-        self.call_error_handler(at, out);
-    }
-
     /// Handles all queued events of motion and I/O, and updates the outputs.
     pub(super) fn dispatch_events(&mut self, at: Instant, out: &mut dyn Context) {
         loop {
@@ -243,7 +236,9 @@ impl Drive {
             let made = self.mcode.trips.check(at, &self.motion);
             self.carry_out_trips(at, made, out);
         }
-        self.check_standstill(at);
+        if !self.motion.is_moving() {
+            self.mcode.vm.on_standstill(at);
+        }
         self.sign_on(at, out);
         let flags = io::StateFlags {
             moving: self.motion.is_moving(),
@@ -362,7 +357,7 @@ impl Drive {
                 }
                 // "The device will print an error 71 to the terminal screen" (MC 5-81).
                 hybrid::Event::IsWarm => {
-                    self.send_to_all(at, hybrid::WARNING, out);
+                    self.mcode.consoles.send_to_all(at, hybrid::WARNING, out);
                     self.fail(at, Error::TemperatureWarning, out);
                 }
                 hybrid::Event::Reached(condition) => self.trip_on_status(at, condition, out),
@@ -376,40 +371,6 @@ impl Drive {
                 }
             }
         }
-    }
-
-    /// Returns true if anything moves. S, SC, CF, MS and similar commands are refused then.
-    pub(super) fn is_in_motion(&self) -> bool {
-        self.motion.is_moving() || self.hybrid.turns()
-    }
-
-    /// Starts a calibration; see [`Hybrid::calibrate`].
-    ///
-    /// # Errors
-    /// As [`Hybrid::calibrate`].
-    pub(super) fn calibrate(
-        &mut self,
-        at: Instant,
-        clears: bool,
-        out: &mut dyn Context,
-    ) -> Result<bool, Error> {
-        self.run_hybrid(at, out, |hybrid, env| hybrid.calibrate(env, clears))
-    }
-
-    /// Executes SC, or CF if `clears` is true: starts a calibration.
-    ///
-    /// # Errors
-    /// As [`Hybrid::calibrate`].
-    pub(super) fn calibrate_by_command(
-        &mut self,
-        at: Instant,
-        clears: bool,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        let is_cleared = clears && self.hybrid.is_locked();
-        let calibrates = self.calibrate(at, clears, out)?;
-        report(if calibrates || is_cleared { Ok(()) } else { Err(Why::NothingToCalibrate) }, at, out);
-        Ok(())
     }
 
     fn on_motion_event(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {

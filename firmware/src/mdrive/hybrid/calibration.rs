@@ -86,7 +86,7 @@ impl Hybrid {
 
 impl Hybrid {
     /// Starts a calibration, because of SC, CF (`clears`), AS, DE, MS, EE or power-on. If AS is 0 or the
-    /// bridge is off, calibrates nothing and returns false.
+    /// bridge is off, calibrates nothing and returns false. This queues no event.
     ///
     /// # Errors
     /// In motion 94 for CF, 89 for the others.

@@ -16,10 +16,10 @@ use self::line::Console;
 pub(in crate::mdrive) use self::line::{Consoles, MAX_CONNECTIONS};
 use super::super::MCODE;
 use super::super::drive::Drive;
-use super::super::error::Error;
+use super::super::error::{Error, Errors};
 use super::super::reasons::{Why, report};
 use super::super::registers::Reg;
-use super::super::startup::SIGN_ON;
+use super::super::variables::Registers;
 use super::parse::begins_number;
 use super::print::CR_LF;
 use super::serial::{ACK, NAK, Party, PartyAddress, is_checked};
@@ -104,23 +104,10 @@ impl Drive {
         }
     }
 
-    /// Sends text to every connection, such as PR of a program. Without a connection the text is lost.
-    pub(in crate::mdrive) fn send_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Context) {
-        for console in &self.mcode.consoles.list {
-            send(at, console.link, text, out);
-        }
-    }
-
     /// Sends the drive's name to every connection, because a move that announces its end has ended (MC 5-45).
     pub(in crate::mdrive) fn send_name(&mut self, at: Instant, out: &mut dyn Context) {
         let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
-        self.send_to_all(at, &[name, b'\r', b'\n'], out);
-    }
-
-    /// Sends the sign-on and a prompt to every connection.
-    pub(in crate::mdrive) fn greet(&mut self, at: Instant, out: &mut dyn Context) {
-        self.send_to_all(at, SIGN_ON, out);
-        self.send_to_all(at, self.prompt(), out);
+        self.mcode.consoles.send_to_all(at, &[name, b'\r', b'\n'], out);
     }
 
     fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
@@ -269,7 +256,7 @@ impl Drive {
         self.motion.halt(at, out);
         if !self.bank.is_party() {
             self.end_echo(at, link, b"", out);
-            return self.answer(at, link, self.prompt(), out);
+            return self.answer(at, link, prompt(&self.bank, self.errors), out);
         }
         // On hardware all drives of a party answer a key that is for all of them (MDRIVE-38).
         let is_addressed = self.bank.word(Reg::ES) & 2 != 0;
@@ -278,7 +265,7 @@ impl Drive {
             echo::NONE => b"",
             _ => CR_LF,
         };
-        for text in [answer, self.prompt()] {
+        for text in [answer, prompt(&self.bank, self.errors)] {
             if is_addressed {
                 self.answer(at, link, text, out);
             } else {
@@ -334,7 +321,7 @@ impl Drive {
             self.answer(at, link, acknowledged, out);
         }
         if !is_greeting {
-            self.answer(at, link, self.prompt(), out);
+            self.answer(at, link, prompt(&self.bank, self.errors), out);
         }
     }
 
@@ -361,7 +348,7 @@ impl Drive {
                 Statement::Empty => {}
                 Statement::Program(place) => self.enter_program_mode(link, place)?,
                 _ => {
-                    self.store_line(at, address, line, &statement, out)?;
+                    self.mcode.store_line(at, address, line, &statement, out)?;
                     self.program_from(link, Some(address + 1));
                     // These statements are usually typed, not stored in a program.
                     let is_unusual = matches!(
@@ -396,8 +383,8 @@ impl Drive {
     fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {
-                self.needs_unlocked()?;
-                Some(self.address(place)?)
+                self.bank.needs_unlocked()?;
+                Some(self.mcode.address(place)?)
             }
             None => None,
         };
@@ -439,14 +426,14 @@ impl Drive {
     fn escape(&self) -> u8 {
         if self.bank.word(Reg::ES) & 1 != 0 { ESCAPE } else { CTRL_E }
     }
+}
 
-    /// Prompt, which exists in EM 0 only: a question mark while there is an error (MC 9; MDRIVE-10).
-    fn prompt(&self) -> &'static [u8] {
-        match (self.echo_mode(), self.errors.is_set()) {
-            (echo::FULL, false) => b">",
-            (echo::FULL, true) => b"?",
-            _ => b"",
-        }
+/// Prompt, which exists in EM 0 only: a question mark while there is an error (MC 9; MDRIVE-10).
+pub(in crate::mdrive) fn prompt(registers: &Registers, errors: Errors) -> &'static [u8] {
+    match (registers.word(Reg::EM), errors.is_set()) {
+        (echo::FULL, false) => b">",
+        (echo::FULL, true) => b"?",
+        _ => b"",
     }
 }
 

@@ -42,8 +42,8 @@ impl Drive {
         place: Option<Place>,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        self.needs_unlocked()?;
-        let mut address = place.map_or(Ok(1), |place| self.address(place))?;
+        self.bank.needs_unlocked()?;
+        let mut address = place.map_or(Ok(1), |place| self.mcode.address(place))?;
         while let Some(next) = self.mcode.program.next(address) {
             let line = self.mcode.program.copy(out.memory(), next).unwrap_or_default();
             let mut writer = MessageWriter::new(at, links.clone(), self.bank.check_sums() != 0, out);

@@ -4,12 +4,65 @@ use super::{TORQUE, output_bit, step, user_name};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
+use crate::mdrive::hybrid::{Environment, divider};
 use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
-use crate::mdrive::registers::Reg;
+use crate::mdrive::registers::{Reg, is_frequency, mcode_range};
 use crate::mdrive::settings::{filters, set_motion};
 
 impl Drive {
+    /// Writes a variable: validates, then applies it.
+    ///
+    /// # Errors
+    /// Error 21, 22, 23 or 25, or an error of the drive's state; nothing has changed then. The caller reports
+    /// the error with [`Self::fail`].
+    pub(in crate::mdrive) fn write(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        self.validate(at, reg, value, &|other| self.bank.stored(other))?;
+        self.apply(at, reg, value, out)
+    }
+
+    /// Writes a variable as MCode does: SS and TS in Hz. The drive stores the divider whose frequency is
+    /// nearest and not lower.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub(in crate::mdrive) fn write_mcode(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        if !is_frequency(reg) {
+            return self.write(at, reg, value, out);
+        }
+        if !mcode_range(reg).is_some_and(|range| range.contains(&i64::from(value))) {
+            return Err(Error::IllegalValue);
+        }
+        self.write(at, reg, divider(value), out)
+    }
+
+    /// Adds 1 or -1 to a variable (IC, DC); 1.000 or -1.000 to CR.
+    ///
+    /// # Errors
+    /// Error 26 for a variable that cannot be counted, or an error of [`Self::write`].
+    pub(in crate::mdrive) fn count(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        by: i32,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        let value = self.counted(at, reg, by, self.bank.stored(reg))?;
+        self.write(at, reg, value, out)
+    }
+
     /// Gives the motor a motion command: MA, MR, SL, HM or HI, from the bus or from MCode. The registers MA,
     /// MR, SL and HM keep the last value of each.
     ///
@@ -129,6 +182,48 @@ impl Drive {
             Reg::TD if changes && self.hybrid.has_torque() => Err(Why::TorqueBegan),
             _ => Ok(()),
         }
+    }
+
+    /// Starts a calibration; see [`Hybrid::calibrate`].
+    ///
+    /// # Errors
+    /// As [`Hybrid::calibrate`].
+    pub(in crate::mdrive) fn calibrate(
+        &mut self,
+        at: Instant,
+        clears: bool,
+        out: &mut dyn Context,
+    ) -> Result<bool, Error> {
+        let (registers, io, motion) = (&mut self.bank, &self.io, &mut self.motion);
+        self.hybrid.calibrate(&mut Environment { at, registers, io, motion, out }, clears)
+    }
+
+    /// Executes SC, or CF if `clears` is true: starts a calibration.
+    ///
+    /// # Errors
+    /// As [`Hybrid::calibrate`].
+    pub(in crate::mdrive) fn calibrate_by_command(
+        &mut self,
+        at: Instant,
+        clears: bool,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        let is_cleared = clears && self.hybrid.is_locked();
+        let calibrates = self.calibrate(at, clears, out)?;
+        report(if calibrates || is_cleared { Ok(()) } else { Err(Why::NothingToCalibrate) }, at, out);
+        Ok(())
+    }
+
+    /// S: begins to save.
+    ///
+    /// # Errors
+    /// Error 73 in motion.
+    pub(in crate::mdrive) fn save(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
+        if self.is_in_motion() {
+            return Err(Error::SaveInMotion);
+        }
+        self.saving.begin(at, &mut self.bank, &self.mcode.names, out);
+        Ok(())
     }
 
     /// Passes the settings to motion.

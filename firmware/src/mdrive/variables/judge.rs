@@ -62,6 +62,11 @@ impl Drive {
         }
     }
 
+    /// Returns true if anything moves. S, SC, CF, MS and similar commands are refused then.
+    pub(in crate::mdrive) fn is_in_motion(&self) -> bool {
+        self.motion.is_moving() || self.hybrid.turns()
+    }
+
     /// Returns true if a write makes a Hybrid calibrate (FB 5.1, CA).
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {

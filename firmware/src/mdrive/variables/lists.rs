@@ -125,7 +125,7 @@ impl Drive {
             // These trips may have no subroutine, because they make a pulse at the trip output.
             (Trip::Position | Trip::Relative, None | Some(Place::Address(0))) => None,
             (_, None) => return Err(Error::MissingSeparator),
-            (_, Some(place)) => self.find_line(place).map(|_| Some(place))?,
+            (_, Some(place)) => self.mcode.find_line(place).map(|_| Some(place))?,
         };
         let repeats = self.trip_number(at, repeats)?.unwrap_or(0);
         let repeats = u16::try_from(repeats).ok().filter(|&repeats| repeats <= MAX_REPEATS);

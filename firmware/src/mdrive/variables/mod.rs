@@ -15,11 +15,11 @@ pub(super) use self::judge::{illegal, refuses};
 pub(super) use self::stored::Registers;
 use super::drive::{Drive, Model};
 use super::error::Error;
-use super::hybrid::{divider, frequency};
+use super::hybrid::frequency;
 use super::mcode::names::Meaning;
 use super::mcode::statement::{Name, Operand};
-use super::registers::{Reg, is_frequency, mcode_range};
-use crate::device::{Context, Instant};
+use super::registers::{Reg, is_frequency};
+use crate::device::Instant;
 
 /// Stored value of CR for a ratio of 1.
 pub(super) const RATIO_ONE: i32 = 1_000;
@@ -118,58 +118,6 @@ impl Drive {
     /// Returns true if a row is present: the model has it, and a user variable is declared.
     pub(super) fn is_present(&self, reg: Reg) -> bool {
         self.bank.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
-    }
-
-    /// Writes a variable: validates, then applies it.
-    ///
-    /// # Errors
-    /// Error 21, 22, 23 or 25, or an error of the drive's state; nothing has changed then. The caller reports
-    /// the error with [`Self::fail`].
-    pub(super) fn write(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        value: i32,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        self.validate(at, reg, value, &|other| self.bank.stored(other))?;
-        self.apply(at, reg, value, out)
-    }
-
-    /// Writes a variable as MCode does: SS and TS in Hz. The drive stores the divider whose frequency is
-    /// nearest and not lower.
-    ///
-    /// # Errors
-    /// As [`Self::write`].
-    pub(super) fn write_mcode(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        value: i32,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        if !is_frequency(reg) {
-            return self.write(at, reg, value, out);
-        }
-        if !mcode_range(reg).is_some_and(|range| range.contains(&i64::from(value))) {
-            return Err(Error::IllegalValue);
-        }
-        self.write(at, reg, divider(value), out)
-    }
-
-    /// Adds 1 or -1 to a variable (IC, DC); 1.000 or -1.000 to CR.
-    ///
-    /// # Errors
-    /// Error 26 for a variable that cannot be counted, or an error of [`Self::write`].
-    pub(super) fn count(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        by: i32,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        let value = self.counted(at, reg, by, self.bank.stored(reg))?;
-        self.write(at, reg, value, out)
     }
 
     /// Returns true if there is a user variable of that name.
