@@ -14,9 +14,13 @@
 //! | `io` | the I/O points |
 //! | `settings` | settings of motion and I/O |
 //!
-//! Motion and I/O do not depend on the other modules, and the Hybrid's circuitry only on motion. They queue
-//! events. `dispatch_events` handles those of motion and I/O after every input and timeout, and
-//! `run_hybrid` those of the circuitry at once.
+//! `registers`, `variables::stored`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
+//! trips) own their state and do not know the drive. The other files wire them; their calls go downwards: from
+//! this file and `mcode::console` to `startup` and `modbus`, `mcode::run` and `mcode::execute`, `saved`, and
+//! `variables`.
+//!
+//! Motion, I/O and the Hybrid's circuitry queue events. `dispatch_events` handles those of motion and I/O after
+//! every input and timeout, `run_hybrid` those of the circuitry at once.
 
 use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Entries, Register, Space};

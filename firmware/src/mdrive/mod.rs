@@ -226,7 +226,7 @@ impl Device for Mdrive {
             }
             // Each character is noted, because pieces of input are not lines.
             Input::Message { bytes, .. } => bytes.iter().for_each(|_| note_lost_input(at, out)),
-            Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
+            Input::Opened { port: MCODE, link } => drive.mcode.consoles.opened(at, link, out),
             Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
             Input::Open { pin } => drive.io.opened(at, pin, out),

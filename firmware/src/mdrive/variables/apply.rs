@@ -184,10 +184,11 @@ impl Drive {
         }
     }
 
-    /// Starts a calibration; see [`Hybrid::calibrate`].
+    /// Starts a calibration, because of CF (`clears`) or anything else. Returns false if there is nothing to
+    /// calibrate.
     ///
     /// # Errors
-    /// As [`Hybrid::calibrate`].
+    /// In motion 94 for CF, 89 for the others.
     pub(in crate::mdrive) fn calibrate(
         &mut self,
         at: Instant,
@@ -201,7 +202,7 @@ impl Drive {
     /// Executes SC, or CF if `clears` is true: starts a calibration.
     ///
     /// # Errors
-    /// As [`Hybrid::calibrate`].
+    /// As [`Self::calibrate`].
     pub(in crate::mdrive) fn calibrate_by_command(
         &mut self,
         at: Instant,
