@@ -12,25 +12,32 @@
 //! | `motion` | the motor and its encoder |
 //! | `hybrid` | additional functions of a Hybrid |
 //! | `io` | the I/O points |
+//! | `settings` | settings of motion and I/O |
 //!
-//! Motion and I/O do not depend on the other modules. They queue events, and `dispatch_events` handles the
-//! events after every input and timeout.
+//! `registers`, `variables::stored`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
+//! trips) own their state and do not know the drive. The other files wire them; their calls go downwards: from
+//! this file and `mcode::console` to `startup` and `modbus`, `mcode::run` and `mcode::execute`, `saved`, and
+//! `variables`.
+//!
+//! Motion, I/O and the Hybrid's circuitry queue events. `dispatch_events` handles those of motion and I/O after
+//! every input and timeout, `run_hybrid` those of the circuitry at once.
 
 use drivetwin_protocol::modbus::pdu::Exception;
-use drivetwin_protocol::registers::{Bank, Entries, Register, Space, characters};
+use drivetwin_protocol::registers::{Entries, Register, Space};
 
 use super::STALL;
 use super::error::{Error, Errors};
-use super::hybrid::{Hybrid, frequency};
+use super::hybrid::{self, Environment, Hybrid};
 use super::io::{self, Io};
 use super::mcode::Mcode;
 use super::mcode::statement::Place;
+use super::mcode::trip::Made;
 use super::motion::{self, Contact, Motion};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
-use super::variables::{entry, is_number, words};
+use super::settings::motion_settings;
+use super::variables::{Registers, entry, is_number, words};
 use crate::device::{Boot, Context, Fault, Instant, PresetError};
-use crate::motor::stepper::StepperParameters;
 
 /// The two products.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -80,11 +87,10 @@ pub(super) enum State {
 /// State of the drive with all its modules.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
-    pub(super) model: Model,
     pub(super) boot: Boot,
     pub(super) state: State,
-    pub(super) saving: Option<Saving>,
-    pub(super) bank: Bank<Reg, { Reg::WORDS }>,
+    pub(super) saving: Saving,
+    pub(super) bank: Registers,
     pub(super) errors: Errors,
     pub(super) io: Io,
     pub(super) motion: Motion,
@@ -96,13 +102,12 @@ impl Drive {
     // Inlined to build the value in its final place: a copy would need room on a board's stack.
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
-        let bank = Bank::of(model.entries());
+        let bank = Registers::new(model);
         let motion = Motion::new(motion_settings(&bank, None));
         Self {
-            model,
             boot: Boot::default(),
             state: State::Off,
-            saving: None,
+            saving: Saving::NONE,
             bank,
             errors: Errors::NONE,
             io: Io::OPEN,
@@ -113,7 +118,7 @@ impl Drive {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        let own = self.startup_due().min(self.save_due());
+        let own = self.startup_due().min(self.saving.due());
         let machine = self.motion.deadline().min(self.io.deadline()).min(self.hybrid.deadline());
         let mcode = &self.mcode;
         let lines = mcode.consoles.deadline().min(mcode.vm.deadline()).min(mcode.trips.deadline());
@@ -124,8 +129,8 @@ impl Drive {
         if self.startup_due() <= at {
             self.ready(at, out);
         }
-        if self.save_due() <= at {
-            self.finish_save(at, out);
+        if self.saving.due() <= at {
+            self.saving.finish(at, out);
         }
         if self.io.deadline() <= at {
             self.io.timeout(at, out);
@@ -134,7 +139,7 @@ impl Drive {
             self.motion.timeout(at, out);
         }
         if self.hybrid.deadline() <= at {
-            self.hybrid_timeout(at, out);
+            self.run_hybrid(at, out, Hybrid::timeout);
         }
         self.dispatch_events(at, out);
         if self.mcode.consoles.deadline() <= at {
@@ -148,8 +153,11 @@ impl Drive {
 
     pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         match fault {
-            STALL => self.block_shaft(at, on, out),
-            _ => self.set_hybrid_fault(at, fault, on, out),
+            STALL => {
+                self.motion.block_shaft(at, on, out);
+                self.run_hybrid(at, out, Hybrid::follow_rotor);
+            }
+            _ => self.run_hybrid(at, out, |hybrid, env| hybrid.set_fault(env, fault, on)),
         }
     }
 
@@ -157,17 +165,6 @@ impl Drive {
     /// highest.
     pub(super) fn peek(&self, at: Instant, reg: Reg) -> i64 {
         if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
-    }
-
-    /// Identification text, joined from the registers of its halves, such as
-    /// [`PART_NUMBER`](super::registers::PART_NUMBER).
-    pub(super) fn text(&self, halves: &[Reg]) -> heapless::Vec<u8, 16> {
-        let mut text = heapless::Vec::new();
-        for character in halves.iter().flat_map(|&half| characters(self.bank.get(half))) {
-            // The text has room for two halves.
-            let _ = text.push(character);
-        }
-        text
     }
 
     /// Switches the power off. Only presets follow until the next power-on.
@@ -187,7 +184,7 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
         let row = entry(reg);
-        if !self.has(reg) {
+        if !self.bank.has(reg) {
             return Err(PresetError::NoSuchRegister);
         }
         if self.state == State::Off {
@@ -200,7 +197,7 @@ impl Drive {
         if row.space == Space::Setting && row.accepts(value) {
             self.bank.set(reg, value);
             self.set_motion(at, out);
-            self.apply_rotor_settings(at, out);
+            self.run_hybrid(at, out, Hybrid::follow_rotor);
             self.dispatch_events(at, out);
             return Ok(());
         }
@@ -218,12 +215,6 @@ impl Drive {
         })
     }
 
-    /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
-    pub(super) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
-        self.errors.set(error);
-        self.call_error_handler(at, out);
-    }
-
     /// Handles all queued events of motion and I/O, and updates the outputs.
     pub(super) fn dispatch_events(&mut self, at: Instant, out: &mut dyn Context) {
         loop {
@@ -236,18 +227,22 @@ impl Drive {
             }
         }
         self.update_hybrid(at, out);
-        self.update_party();
+        // Whatever has changed PY.
+        self.mcode.consoles.set_party(self.bank.is_party());
         let plan_changed = self.motion.has_changed();
         if plan_changed || self.io.wants_plan() {
             self.io.plan(at, self.motion.plan(), out);
         }
         if plan_changed || self.hybrid.deadline() <= at {
-            self.watch_position(at, out);
+            self.run_hybrid(at, out, Hybrid::watch_position);
         }
-        if plan_changed || self.mcode.trips.deadline() <= at || self.trips_on_counts() {
-            self.check_trips(at, out);
+        if plan_changed || self.mcode.trips.deadline() <= at || self.mcode.trips.is_on_counts(&self.motion) {
+            let made = self.mcode.trips.check(at, &self.motion);
+            self.carry_out_trips(at, made, out);
         }
-        self.check_standstill(at);
+        if !self.motion.is_moving() {
+            self.mcode.vm.on_standstill(at);
+        }
         self.sign_on(at, out);
         let flags = io::StateFlags {
             moving: self.motion.is_moving(),
@@ -256,7 +251,7 @@ impl Drive {
             changing: self.motion.is_changing(at),
             locked_rotor: self.hybrid.is_locked(),
             positioning: self.motion.is_positioning(),
-            hybrid: self.corrects_rotor(),
+            hybrid: self.hybrid.corrects_rotor(&self.motion),
             is_making_up: self.hybrid.is_making_up(),
         };
         self.io.update_outputs(at, flags, out);
@@ -272,9 +267,13 @@ impl Drive {
             io::Event::Clock(steps) => {
                 let from = self.motion.steps(at);
                 self.motion.follow(at, steps, out);
-                self.trip_on_steps(at, from, out);
+                let made = self.mcode.trips.on_steps(at, from, &self.motion);
+                self.carry_out_trips(at, made, out);
             }
-            io::Event::Active(_) | io::Event::Capture => self.trip_on(at, event, out),
+            io::Event::Active(_) | io::Event::Capture => {
+                let made = self.mcode.trips.on_io_event(at, event, &self.motion);
+                self.carry_out_trips(at, made, out);
+            }
             io::Event::Go => {
                 if let Err(error) = self.start_program(at, Place::Address(1), 0) {
                     self.fail(at, error, out);
@@ -310,81 +309,79 @@ impl Drive {
         }
     }
 
+    /// Trips TA if one of these conditions of the Hybrid is selected.
+    pub(super) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
+        let made = self.mcode.trips.on_status(at, flags, &self.motion);
+        self.carry_out_trips(at, made, out);
+    }
+
+    /// Makes the pulses of trips, and calls their subroutines.
+    fn carry_out_trips(&mut self, at: Instant, made: Made, out: &mut dyn Context) {
+        for trip in made.trips() {
+            if trip.pulses() {
+                self.io.pulse(at, out);
+            }
+            if self.mcode.trips.subroutine(trip.bit()).is_some() {
+                self.call_trip(at, trip, out);
+            }
+        }
+    }
+
+    /// Checks rotor and temperature. This runs after every event.
+    fn update_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.is_started() {
+            self.run_hybrid(at, out, Hybrid::watch);
+            // The warning is printed before the bridge is switched off.
+            self.run_hybrid(at, out, Hybrid::watch_heat);
+        }
+    }
+
+    /// Runs a part of the Hybrid's circuitry, then handles its events.
+    pub(super) fn run_hybrid<T>(
+        &mut self,
+        at: Instant,
+        out: &mut dyn Context,
+        run: impl FnOnce(&mut Hybrid, &mut Environment<'_>) -> T,
+    ) -> T {
+        let (registers, io, motion) = (&mut self.bank, &self.io, &mut self.motion);
+        let result = run(&mut self.hybrid, &mut Environment { at, registers, io, motion, out });
+        self.take_hybrid_events(at, out);
+        result
+    }
+
+    fn take_hybrid_events(&mut self, at: Instant, out: &mut dyn Context) {
+        while let Some(event) = self.hybrid.next_event() {
+            match event {
+                hybrid::Event::Failed(error) => self.fail(at, error, out),
+                // MC 5-9 calls this "a locked rotor response".
+                hybrid::Event::CalibrationFailed => {
+                    let starts = self.state == State::Calibrating;
+                    let error = if starts { Error::StartupCalibration } else { Error::CalibrationFailed };
+                    self.fail(at, error, out);
+                }
+                // "The device will print an error 71 to the terminal screen" (MC 5-81).
+                hybrid::Event::IsWarm => {
+                    self.mcode.consoles.send_to_all(at, hybrid::WARNING, out);
+                    self.fail(at, Error::TemperatureWarning, out);
+                }
+                hybrid::Event::Reached(condition) => self.trip_on_status(at, condition, out),
+                hybrid::Event::Limit(error, condition) => {
+                    // If TA is enabled for this condition, the trip replaces the error: "There is no error
+                    // generation when enabling trip" (MC 5-71).
+                    if !self.mcode.trips.is_on_status(condition) {
+                        self.fail(at, error, out);
+                    }
+                    self.trip_on_status(at, condition, out);
+                }
+            }
+        }
+    }
+
     fn on_motion_event(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {
         match event {
             motion::Event::Failed(error) => self.fail(at, error, out),
             motion::Event::StopsProgram => self.end_program(),
             motion::Event::Announce => self.send_name(at, out),
         }
-    }
-}
-
-/// Settings of the motion. Without `io` the motion follows no clock and has no home switch.
-pub(super) fn motion_settings(bank: &Bank<Reg, { Reg::WORDS }>, io: Option<&Io>) -> motion::Settings {
-    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
-    let byte = |reg| (bank.word(reg) & 0xFF) as u8;
-    let flag = |reg| bank.word(reg) != 0;
-    motion::Settings {
-        start: long(Reg::VI),
-        speed: long(Reg::VM),
-        up: long(Reg::A),
-        down: long(Reg::D),
-        microsteps: bank.word(Reg::MS),
-        settle_ms: bank.word(Reg::MT),
-        hold_delay_ms: bank.word(Reg::HT),
-        run_percent: byte(Reg::RC),
-        hold_percent: byte(Reg::HC),
-        enabled: flag(Reg::DE),
-        response: response(bank),
-        keeps_field: bank.word(Reg::AS) != 0,
-        limit_mode: byte(Reg::LM),
-        jogs: flag(Reg::JE),
-        home_debounce_ms: io.map_or(0, Io::home_debounce_ms),
-        follows_clock: io.is_some_and(Io::follows_clock),
-        ratio: bank.word(Reg::CR),
-        closed: flag(Reg::EE),
-        lines: bank.word(Reg::EL),
-        deadband: bank.word(Reg::DB),
-        stall_factor: bank.word(Reg::SF),
-        goes_on_stalled: flag(Reg::SM),
-        maintains: flag(Reg::PM),
-        machine: machine(bank),
-    }
-}
-
-/// Highest speed that the rotor can follow, in steps/s. SS limits it with AS 1 and 2 only (FB 5.1); an
-/// MDrivePlus has no AS.
-fn response(bank: &Bank<Reg, { Reg::WORDS }>) -> u32 {
-    match bank.word(Reg::AS) {
-        1 | 2 => frequency(bank.word(Reg::SS).into()).unsigned_abs(),
-        _ => u32::MAX,
-    }
-}
-
-/// Parameters of the motor and its load.
-fn machine(bank: &Bank<Reg, { Reg::WORDS }>) -> StepperParameters {
-    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
-    StepperParameters {
-        steps_per_rev: bank.word(Reg::FullSteps),
-        holding_unm: long(Reg::HoldingTorque) * 1_000,
-        pull_out_rpm: long(Reg::PullOutSpeed),
-        inertia_gcm2: long(Reg::Inertia),
-        friction_unm: long(Reg::Friction) * 1_000,
-        load_unm: i32::try_from(bank.get(Reg::Load)).unwrap_or(0) * 1_000,
-        ..StepperParameters::NOMINAL
-    }
-}
-
-/// Settings of filters and pulses of the I/O.
-pub(super) fn filters(bank: &Bank<Reg, { Reg::WORDS }>) -> io::Filters {
-    let byte = |reg| (bank.word(reg) & 0xFF) as u8;
-    io::Filters {
-        debounce_ms: [Reg::D1, Reg::D2, Reg::D3, Reg::D4].map(byte),
-        average: byte(Reg::D5),
-        capture: byte(Reg::FC),
-        clock: byte(Reg::FM),
-        pulse: byte(Reg::CW),
-        clocked: bank.word(Reg::CM) != 0,
-        ratio: bank.word(Reg::CR),
     }
 }

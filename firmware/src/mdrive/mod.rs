@@ -15,6 +15,7 @@ mod motion;
 mod reasons;
 mod registers;
 mod saved;
+mod settings;
 mod startup;
 mod variables;
 
@@ -202,7 +203,7 @@ impl Mdrive {
 
 impl Device for Mdrive {
     fn spec(&self) -> &'static Spec {
-        match self.drive.model {
+        match self.drive.bank.model() {
             Model::Plus => &MDRIVE,
             Model::Hybrid => &MDRIVE_HYBRID,
         }
@@ -225,7 +226,7 @@ impl Device for Mdrive {
             }
             // Each character is noted, because pieces of input are not lines.
             Input::Message { bytes, .. } => bytes.iter().for_each(|_| note_lost_input(at, out)),
-            Input::Opened { port: MCODE, link } => drive.console_opened(at, link, out),
+            Input::Opened { port: MCODE, link } => drive.mcode.consoles.opened(at, link, out),
             Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
             Input::Open { pin } => drive.io.opened(at, pin, out),

@@ -127,11 +127,11 @@ impl Drive {
             // a Hybrid.
             let counted = brought(Reg::DC).and_then(|address| self.counted_by_address(address).ok());
             let switches_on = reg == Reg::DE && value == 1 && counted == Some(Reg::DE);
-            if switches_on && self.model == Model::Hybrid && self.is_in_motion() {
+            if switches_on && self.bank.model() == Model::Hybrid && self.is_in_motion() {
                 return Err(Error::CalibrationInMotion);
             }
             self.validate(at, reg, narrow(value), &|other| {
-                brought(other).unwrap_or_else(|| self.stored(other))
+                brought(other).unwrap_or_else(|| self.bank.stored(other))
             })?;
         }
         // A motion command can be refused even after validation, so it is applied first. Four registers hold
@@ -157,7 +157,7 @@ impl Drive {
         let mut forward = mnemonic;
         forward.reverse();
         let name = forward.trim_ascii_end();
-        let specific = Specific::find(name, self.model).ok_or(Exception::IllegalDataAddress)?;
+        let specific = Specific::find(name, self.bank.model()).ok_or(Exception::IllegalDataAddress)?;
         if function == READ_SPECIFIC && specific == Specific::Values {
             return if data.is_empty() {
                 self.read_values(at, name, reply)
@@ -303,7 +303,7 @@ impl RequestHandler for Bus<'_> {
     fn written(&mut self, _register: Reg) {}
 
     fn entries(&self) -> &'static Entries {
-        self.drive.model.entries()
+        self.drive.bank.model().entries()
     }
 
     fn write_multiple(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
@@ -312,8 +312,10 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn on_out_of_range(&mut self, register: Reg, value: i64) {
-        let validated =
-            self.drive.validate_together(register, narrow(value), &|other| self.drive.stored(other));
+        let validated = self
+            .drive
+            .bank
+            .validate_together(register, narrow(value), &|other| self.drive.bank.stored(other));
         // Validation may accept the value, because the bus has narrower ranges of some registers than MCode
         // (MDRIVE-3).
         let error = validated.err().unwrap_or_else(|| illegal(register));
@@ -337,10 +339,10 @@ impl RequestHandler for Bus<'_> {
 
 /// Answers function 43 (FB 4.1.1).
 fn identify(drive: &Drive, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
-    let family = if drive.model == Model::Hybrid { b"ASI " } else { b"MDI " };
-    let firmware = joined(family, &drive.text(FIRMWARE));
-    let (part, serial) = (drive.text(PART_NUMBER), drive.text(SERIAL_NUMBER));
-    let ethernet = drive.text(ETHERNET);
+    let family = if drive.bank.model() == Model::Hybrid { b"ASI " } else { b"MDI " };
+    let firmware = joined(family, &drive.bank.text(FIRMWARE));
+    let (part, serial) = (drive.bank.text(PART_NUMBER), drive.bank.text(SERIAL_NUMBER));
+    let ethernet = drive.bank.text(ETHERNET);
     let objects: [identification::Object<'_>; 7] = [
         (0, b"SEM USA"),
         (1, &part),

@@ -5,14 +5,15 @@
 //! both parts are invalid. So after a power failure the memory has either the old values or the new ones, or
 //! fails its test (error 70).
 
-use drivetwin_protocol::registers::{Bank, Register};
+use drivetwin_protocol::registers::Bank;
 
-use super::drive::Drive;
+use super::drive::{Drive, Model};
 use super::error::Error;
 use super::io::Io;
-use super::mcode::{names, program};
-use super::registers::{LASTING, Reg};
-use super::variables::{entry, is_number, words};
+use super::mcode::names::{self, Meaning, Names};
+use super::mcode::program;
+use super::registers::Reg;
+use super::variables::{Registers, entry, is_number, words};
 use crate::device::{Context, Duration, Instant, NullContext, PresetError};
 use crate::memory::{self, Content, Save};
 
@@ -31,108 +32,31 @@ pub(super) const MEMORY: usize = PROGRAM + program::BYTES;
 /// Time of a save; the manuals do not give it (MDRIVE-12).
 pub(super) const SAVE: Duration = Duration::millis(10);
 
-/// A save in progress.
+/// The save in progress, if any.
+#[derive(Clone, Debug)]
+pub(super) struct Saving(Option<Parts>);
+
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Saving {
+struct Parts {
     variables: Save,
     globals: Save,
 }
 
-impl Drive {
-    /// Loads variables, global user variables and the program when the drive starts. Returns true if the
-    /// memory was good (error 70 if not). The factory's values replace bad parts.
-    pub(super) fn load(&mut self, out: &dyn Context) -> bool {
-        let saved = self.load_variables(out) && self.load_globals(out);
-        if !saved {
-            self.factory_reset();
-            self.mcode.names = names::Names::new();
-        }
-        self.load_program(out) && saved
-    }
-
-    /// Loads the variables. If nothing was ever saved, they have the factory's values. Returns false if the
-    /// memory is bad.
-    fn load_variables(&mut self, out: &dyn Context) -> bool {
-        let entries = self.model.entries();
-        self.factory_reset();
-        let content = memory::content(out.memory(), Reg::SAVED_WORDS);
-        if content == Content::Good {
-            memory::load(entries, out.memory(), self.bank.words_mut());
-            let [method, mode] = self.bank.word(Reg::CA).to_be_bytes();
-            self.bank.set(Reg::CalibrationMethod, (method & 1).into());
-            self.bank.set(Reg::CA, mode.into());
-            self.sanitize();
-        }
-        content != Content::Bad
-    }
-
-    /// Resets values that no save could have stored, for example because the memory is from the other model.
-    fn sanitize(&mut self) {
-        let entries = self.model.entries();
-        for (row, entry) in entries.list.iter().enumerate() {
-            let value = entries.value(self.bank.words(), row);
-            if entry.saved != 0 && !Reg::from_row(row).is_some_and(|reg| self.is_possible(reg, value)) {
-                entries.put(self.bank.words_mut(), row, entry.reset);
-            }
-        }
-        // Each value alone is possible now. The values must also fit each other.
-        let rows = entries.list.iter().enumerate().filter(|(_, entry)| entry.saved != 0);
-        let mut numbers = rows.filter_map(|(row, _)| Reg::from_row(row)).filter(|&reg| is_number(reg));
-        let stored = |reg| self.stored(reg);
-        let conflicts = |reg| {
-            self.has(reg)
-                && !self.is_in_counts(reg)
-                && self.validate_together(reg, stored(reg), &stored).is_err()
-        };
-        if stored(Reg::VI) >= stored(Reg::VM) || numbers.any(conflicts) {
-            self.factory_reset();
-        }
-    }
-
-    /// Resets all variables to the factory's values, except [`LASTING`], which the drive itself never
-    /// changes.
-    fn factory_reset(&mut self) {
-        let lasting = LASTING.map(|reg| self.bank.get(reg));
-        self.bank = Bank::of(self.model.entries());
-        for (reg, value) in LASTING.into_iter().zip(lasting) {
-            self.bank.set(reg, value);
-        }
-    }
-
-    /// Loads the global user variables. Returns false if the memory is bad.
-    fn load_globals(&mut self, out: &dyn Context) -> bool {
-        self.mcode.names = names::Names::new();
-        let memory = out.memory().get(VARIABLES..PROGRAM).unwrap_or(&[]);
-        let content = memory::content(memory, GLOBAL_BYTES / 2);
-        if content == Content::Good {
-            for &[first, second, a, b, c, d] in memory.as_chunks::<GLOBAL>().0 {
-                if first != u8::MAX {
-                    let value = names::Meaning::Global(i32::from_be_bytes([a, b, c, d]));
-                    let _ = self.mcode.names.add([first, second], value);
-                }
-            }
-        }
-        content != Content::Bad
-    }
-
-    /// S: begins to save.
-    ///
-    /// # Errors
-    /// Error 73 in motion.
-    pub(super) fn save(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
-        if self.is_in_motion() {
-            return Err(Error::SaveInMotion);
-        }
-        self.begin_save(at, out);
-        Ok(())
-    }
+impl Saving {
+    pub(super) const NONE: Self = Self(None);
 
     /// Begins a save. A save in progress starts again from its beginning.
-    fn begin_save(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(super) fn begin(
+        &mut self,
+        at: Instant,
+        registers: &mut Registers,
+        names: &Names,
+        out: &mut dyn Context,
+    ) {
         let mut image = [u8::MAX; GLOBAL_BYTES];
-        let globals = self.mcode.names.iter().filter_map(|(name, meaning)| match meaning {
-            names::Meaning::Global(value) => Some((name, value)),
-            names::Meaning::Label(_) | names::Meaning::Local(_) => None,
+        let globals = names.iter().filter_map(|(name, meaning)| match meaning {
+            Meaning::Global(value) => Some((name, value)),
+            Meaning::Label(_) | Meaning::Local(_) => None,
         });
         for (target, ([first, second], value)) in image.as_chunks_mut::<GLOBAL>().0.iter_mut().zip(globals) {
             let [a, b, c, d] = value.to_be_bytes();
@@ -140,24 +64,24 @@ impl Drive {
         }
         // From here until the save ends, the globals fail their test, and so does the whole memory.
         let globals = Save::of_bytes(&image, VARIABLES as u16, at, SAVE, out);
-        let mode = self.bank.get(Reg::CA);
+        let mode = registers.get(Reg::CA);
         // The second value of CA is stored in the high byte of CA. Older memories, without a second value,
         // have 0 there.
-        self.bank.set(Reg::CA, mode | self.bank.get(Reg::CalibrationMethod) << 8);
-        let (entries, words) = (self.model.entries(), self.bank.words());
+        registers.set(Reg::CA, mode | registers.get(Reg::CalibrationMethod) << 8);
+        let (entries, words) = (registers.model().entries(), registers.words());
         let variables = Save::of_rows::<VARIABLES>(entries, words, at, SAVE, out);
-        self.bank.set(Reg::CA, mode);
-        self.saving = Some(Saving { variables, globals });
+        registers.set(Reg::CA, mode);
+        self.0 = Some(Parts { variables, globals });
     }
 
     /// Resets LK in the memory: "this will clear the program and reset LK to 0" (MC 5-42). Other saved values
     /// stay.
-    pub(super) fn save_unlocked(&mut self, at: Instant, out: &mut dyn Context) {
-        self.finish_save(at, out);
+    pub(super) fn save_unlocked(&mut self, at: Instant, model: Model, out: &mut dyn Context) {
+        self.finish(at, out);
         if memory::content(out.memory(), Reg::SAVED_WORDS) != Content::Good {
             return;
         }
-        let entries = self.model.entries();
+        let entries = model.entries();
         let mut saved = Bank::<Reg, { Reg::WORDS }>::of(entries);
         memory::load(entries, out.memory(), saved.words_mut());
         if saved.word(Reg::LK) != 0 {
@@ -166,16 +90,30 @@ impl Drive {
         }
     }
 
-    pub(super) fn save_due(&self) -> Instant {
-        self.saving.map_or(Instant::NEVER, |saving| saving.variables.due())
+    /// End of the save in progress.
+    pub(super) fn due(&self) -> Instant {
+        self.0.map_or(Instant::NEVER, |parts| parts.variables.due())
     }
 
     /// Finishes the save in progress, if any.
-    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(saving) = self.saving.take() {
-            saving.globals.finish(at, out);
-            saving.variables.finish(at, out);
+    pub(super) fn finish(&mut self, at: Instant, out: &mut dyn Context) {
+        if let Some(parts) = self.0.take() {
+            parts.globals.finish(at, out);
+            parts.variables.finish(at, out);
         }
+    }
+}
+
+impl Drive {
+    /// Loads variables, global user variables and the program when the drive starts. Returns true if the
+    /// memory was good (error 70 if not). The factory's values replace bad parts.
+    pub(super) fn load(&mut self, out: &dyn Context) -> bool {
+        let saved = self.bank.load(out) && load_globals(&mut self.mcode.names, out);
+        if !saved {
+            self.bank.factory_reset();
+            self.mcode.names = Names::new();
+        }
+        self.mcode.load_program(self.bank.variants(), out) && saved
     }
 
     /// IP: loads the variables and flags that were saved.
@@ -187,34 +125,10 @@ impl Drive {
             return Err(Error::ClearInMotion);
         }
         // A save in progress is finished first, because it was commanded before IP.
-        self.finish_save(at, out);
-        let good = self.load_variables(out);
+        self.saving.finish(at, out);
+        let good = self.bank.load(out);
         self.apply_variables(at, out);
         if good { Ok(()) } else { Err(Error::Flash) }
-    }
-
-    /// FD: resets the variables to the factory's and deletes the program and the user variables, all of this
-    /// also in the memory. Sets counters to 0 and sends the sign-on. Settings keep their values.
-    ///
-    /// # Errors
-    /// Error 73 in motion.
-    pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
-        if self.is_in_motion() {
-            return Err(Error::SaveInMotion);
-        }
-        self.clear_activity();
-        let serial = self.bank.get(Reg::SerialCommands);
-        self.factory_reset();
-        self.bank.set(Reg::SerialCommands, serial);
-        self.mcode.names = names::Names::new();
-        self.apply_variables(at, out);
-        self.motion.set_steps(at, 0);
-        self.motion.set_counts(at, 0);
-        // From here until all of the memory is reset, it fails its test.
-        self.begin_save(at, out);
-        self.mcode.program.clear(at, 1, out);
-        self.greet(at, out);
-        Ok(())
     }
 
     /// Applies all variables to I/O and motion.
@@ -228,9 +142,9 @@ impl Drive {
     fn apply_set_ups(&mut self, at: Instant, out: &mut dyn Context) {
         self.io.begin_load();
         for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4, Reg::S5, Reg::S7, Reg::S8, Reg::S13] {
-            if self.has(reg) && self.set_up(at, reg, self.set_up_of(reg), out).is_err() {
+            if self.bank.has(reg) && self.set_up(at, reg, self.bank.set_up_of(reg), out).is_err() {
                 self.bank.set(reg, entry(reg).reset);
-                let _ = self.set_up(at, reg, self.set_up_of(reg), out);
+                let _ = self.set_up(at, reg, self.bank.set_up_of(reg), out);
             }
         }
         self.io.end_load(at, out);
@@ -244,7 +158,7 @@ impl Drive {
         value: i64,
         out: &mut dyn Context,
     ) -> Result<(), PresetError> {
-        if !self.load_variables(out) || !self.load_globals(out) {
+        if !self.bank.load(out) || !load_globals(&mut self.mcode.names, out) {
             return Err(PresetError::BadMemory);
         }
         match i32::try_from(value) {
@@ -257,14 +171,30 @@ impl Drive {
                 validated.map_err(|_| PresetError::OutOfRange)?;
             }
             Ok(value) => {
-                let validated = self.validate(at, reg, value, &|other| self.stored(other));
+                let validated = self.validate(at, reg, value, &|other| self.bank.stored(other));
                 validated.map_err(|_| PresetError::OutOfRange)?;
-                self.store(reg, value);
+                self.bank.store(reg, value);
             }
             Err(_) => return Err(PresetError::OutOfRange),
         }
-        self.begin_save(at, out);
-        self.finish_save(at, out);
+        self.saving.begin(at, &mut self.bank, &self.mcode.names, out);
+        self.saving.finish(at, out);
         Ok(())
     }
+}
+
+/// Loads the global user variables. Returns false if the memory is bad.
+fn load_globals(names: &mut Names, out: &dyn Context) -> bool {
+    *names = Names::new();
+    let memory = out.memory().get(VARIABLES..PROGRAM).unwrap_or(&[]);
+    let content = memory::content(memory, GLOBAL_BYTES / 2);
+    if content == Content::Good {
+        for &[first, second, a, b, c, d] in memory.as_chunks::<GLOBAL>().0 {
+            if first != u8::MAX {
+                let value = Meaning::Global(i32::from_be_bytes([a, b, c, d]));
+                let _ = names.add([first, second], value);
+            }
+        }
+    }
+    content != Content::Bad
 }

@@ -1,11 +1,11 @@
 //! Start of the drive at power-on, and restart by Ctrl-C or a reset input.
 
-use super::drive::{Drive, Model, State, motion_settings};
-use super::error::{Error, Errors};
-use super::mcode::console::{Consoles, note_lost_input};
+use super::drive::{Drive, Model, State};
+use super::error::Error;
+use super::mcode::console::{Consoles, note_lost_input, prompt};
 use super::mcode::statement::Place;
-use super::mcode::trip::Trips;
-use super::mcode::vm::Vm;
+use super::saved::Saving;
+use super::settings::motion_settings;
 use crate::device::{Boot, Context, Duration, Instant};
 
 /// Sign-on text, which is sent on MCode connections when the drive is ready (MC 5-26).
@@ -21,7 +21,7 @@ impl Drive {
     /// Starts the drive at power-on. No connection is open, and the levels of all inputs follow as events.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.boot = boot;
-        self.saving = None;
+        self.saving = Saving::NONE;
         self.mcode.consoles = Consoles::new();
         self.start(at, true, out);
     }
@@ -30,7 +30,7 @@ impl Drive {
     /// processor), and the levels of the inputs are known already.
     pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
         // A save in progress is finished first, because it was commanded before the restart.
-        self.finish_save(at, out);
+        self.saving.finish(at, out);
         // What was typed, and a line in execution, is lost.
         note_lost_input(at, out);
         self.mcode.consoles.restart();
@@ -51,14 +51,6 @@ impl Drive {
             self.errors.set(Error::Flash);
         }
         self.state = State::Booting { due: if self.boot.fast { at } else { at + BOOT }, whole };
-    }
-
-    /// Ends all activity: clears errors, ends the program that runs, and removes all trips.
-    pub(super) fn clear_activity(&mut self) {
-        self.errors = Errors::NONE;
-        self.end_program();
-        self.mcode.vm = Vm::new();
-        self.mcode.trips = Trips::NONE;
     }
 
     /// Returns true if the drive receives input on its ports.
@@ -92,7 +84,7 @@ impl Drive {
     pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
         self.state = State::Calibrating;
         self.io.ready();
-        if self.model == Model::Hybrid {
+        if self.bank.model() == Model::Hybrid {
             if self.boot.fast {
                 self.hybrid.set_calibrated();
             } else if let Err(error) = self.calibrate(at, false, out) {
@@ -107,7 +99,7 @@ impl Drive {
             return;
         }
         self.state = State::Ready;
-        self.greet(at, out);
+        self.mcode.consoles.greet(at, prompt(&self.bank, self.errors), out);
         if self.mcode.names.find(*b"SU").is_some()
             && let Err(error) = self.start_program(at, START_UP, 0)
         {

@@ -5,12 +5,11 @@ use fixed::types::U24F8;
 use super::heat::SHUTDOWN;
 use super::rotor::{Rotor, evenly};
 use super::status::condition;
-use super::{Hybrid, mode};
-use crate::device::{Context, Duration, Instant};
-use crate::mdrive::drive::{Drive, State};
+use super::{Environment, Event, Hybrid, mode};
+use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
-use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::Registers;
 use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
 
 /// Moves of a calibration, in full steps, and their durations. With three waits of CT = 250 ms they make 3.12
@@ -75,112 +74,100 @@ impl Hybrid {
     pub(in crate::mdrive) fn is_calibrating(&self) -> bool {
         matches!(self.calibration, Calibration::Runs(_))
     }
-}
 
-impl Drive {
-    /// Executes SC, or CF if `clears` is true: starts a calibration.
+    /// Checks that motion commands are allowed.
     ///
     /// # Errors
-    /// As [`Self::calibrate`].
-    pub(in crate::mdrive) fn calibrate_by_command(
-        &mut self,
-        at: Instant,
-        clears: bool,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        let is_cleared = clears && self.hybrid.is_locked;
-        let calibrates = self.calibrate(at, clears, out)?;
-        report(if calibrates || is_cleared { Ok(()) } else { Err(Why::NothingToCalibrate) }, at, out);
-        Ok(())
+    /// Error 88 during a calibration.
+    pub(in crate::mdrive) fn takes_orders(&self) -> Result<(), Error> {
+        if self.is_calibrating() { Err(Error::Calibrating) } else { Ok(()) }
     }
+}
 
+impl Hybrid {
     /// Starts a calibration, because of SC, CF (`clears`), AS, DE, MS, EE or power-on. If AS is 0 or the
-    /// bridge is off, calibrates nothing and returns false.
+    /// bridge is off, calibrates nothing and returns false. This queues no event.
     ///
     /// # Errors
     /// In motion 94 for CF, 89 for the others.
     pub(in crate::mdrive) fn calibrate(
         &mut self,
-        at: Instant,
+        env: &mut Environment<'_>,
         clears: bool,
-        out: &mut dyn Context,
     ) -> Result<bool, Error> {
-        if self.is_in_motion() {
+        if env.motion.is_moving() || self.turns() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
         }
-        self.motion.circuit_end(at, out);
-        self.hybrid.rotor = Rotor::Free;
-        (self.hybrid.is_locked, self.hybrid.at_bounds) = (false, None);
+        env.motion.circuit_end(env.at, env.out);
+        self.rotor = Rotor::Free;
+        (self.is_locked, self.at_bounds) = (false, None);
         // Overheated electronics that have cooled down are enabled again; if still hot, they stay off.
-        self.hybrid.is_overheated &= self.hybrid.heat.celsius(at) >= SHUTDOWN;
-        self.hybrid.is_disabled = self.hybrid.is_overheated;
-        let works = self.bank.word(Reg::AS) != mode::OFF && self.has_bridge();
-        let due = at + self.calibration_time();
-        self.hybrid.calibration = Calibration::Not;
-        self.set_motion(at, out);
+        self.is_overheated &= self.heat.celsius(env.at) >= SHUTDOWN;
+        self.is_disabled = self.is_overheated;
+        let works = env.registers.word(Reg::AS) != mode::OFF && self.has_bridge(env.registers);
+        let due = env.at + calibration_time(env.registers);
+        self.calibration = Calibration::Not;
+        env.disable_bridge(self.is_disabled);
         if works {
-            self.hybrid.calibration = Calibration::Runs(Run { stage: Stage::Settles, due, since: at });
+            self.calibration = Calibration::Runs(Run { stage: Stage::Settles, due, since: env.at });
             // The calibration takes control of the motor, so that nothing else moves it meanwhile.
-            self.turn_full_steps(at, 0, out);
+            turn_full_steps(env, 0);
         }
-        self.watch_rotor(at, out);
+        self.watch_rotor(env);
         Ok(works)
     }
 
     /// Begins the next stage of a calibration (MC 5-9).
-    pub(super) fn calibrate_on(&mut self, at: Instant, out: &mut dyn Context) {
-        let Calibration::Runs(Run { stage, due, since }) = self.hybrid.calibration else { return };
+    pub(super) fn calibrate_on(&mut self, env: &mut Environment<'_>) {
+        let Calibration::Runs(Run { stage, due, since }) = self.calibration else { return };
         let (stage, lasts) = match stage {
             Stage::Settles => (Stage::Forth, FORTH_TAKES),
-            Stage::Forth => (Stage::Waits, self.calibration_time()),
+            Stage::Forth => (Stage::Waits, calibration_time(env.registers)),
             Stage::Waits => (Stage::Back, BACK_TAKES),
-            Stage::Back => (Stage::Rests, self.calibration_time()),
-            Stage::Rests if self.is_rotor_blocked() => (Stage::Tries, (since + BLOCKED).since(due)),
-            Stage::Rests => return self.end_calibration(at, Calibration::Done, out),
-            Stage::Tries => return self.end_calibration(at, Calibration::Failed, out),
+            Stage::Back => (Stage::Rests, calibration_time(env.registers)),
+            Stage::Rests if self.is_rotor_blocked(env) => (Stage::Tries, (since + BLOCKED).since(due)),
+            Stage::Rests => return self.end_calibration(env, Calibration::Done),
+            Stage::Tries => return self.end_calibration(env, Calibration::Failed),
         };
-        self.hybrid.calibration = Calibration::Runs(Run { stage, due: due + lasts, since });
+        self.calibration = Calibration::Runs(Run { stage, due: due + lasts, since });
         match stage {
-            Stage::Forth => self.turn_full_steps(at, FORTH, out),
-            Stage::Back => self.turn_full_steps(at, -BACK, out),
+            Stage::Forth => turn_full_steps(env, FORTH),
+            Stage::Back => turn_full_steps(env, -BACK),
             _ => {}
         }
     }
 
-    fn end_calibration(&mut self, at: Instant, outcome: Calibration, out: &mut dyn Context) {
-        self.motion.circuit_end(at, out);
-        self.motion.clear_lag(at);
-        self.hybrid.calibration = outcome;
+    fn end_calibration(&mut self, env: &mut Environment<'_>, outcome: Calibration) {
+        env.motion.circuit_end(env.at, env.out);
+        env.motion.clear_lag(env.at);
+        self.calibration = outcome;
         if outcome == Calibration::Failed {
-            // MC 5-9 calls this "a locked rotor response".
-            (self.hybrid.is_locked, self.hybrid.is_disabled) = (true, true);
-            self.set_motion(at, out);
-            let starts = self.state == State::Calibrating;
-            let error = if starts { Error::StartupCalibration } else { Error::CalibrationFailed };
-            self.fail(at, error, out);
+            (self.is_locked, self.is_disabled) = (true, true);
+            env.disable_bridge(true);
+            self.events.push(Event::CalibrationFailed);
         }
-        self.trip_on_status(at, condition::CALIBRATED, out);
+        self.events.push(Event::Reached(condition::CALIBRATED));
     }
 
-    /// CT, the duration of a wait.
-    fn calibration_time(&self) -> Duration {
-        Duration::millis(self.bank.word(Reg::CT).into())
+    fn is_rotor_blocked(&self, env: &Environment<'_>) -> bool {
+        let causes = self.causes;
+        causes.has(CALIBRATION) || causes.has(LOCKED_ROTOR) || !env.motion.follows()
     }
+}
 
-    fn is_rotor_blocked(&self) -> bool {
-        let causes = self.hybrid.causes;
-        causes.has(CALIBRATION) || causes.has(LOCKED_ROTOR) || !self.motion.follows()
-    }
+/// CT, the duration of a wait.
+fn calibration_time(registers: &Registers) -> Duration {
+    Duration::millis(registers.word(Reg::CT).into())
+}
 
-    /// Turns the rotor by full steps for the calibration.
-    fn turn_full_steps(&mut self, at: Instant, full_steps: i32, out: &mut dyn Context) {
-        let microsteps = self.bank.word(Reg::MS);
-        let per_second = (u64::from(microsteps) << 8) * Duration::secs(1).ticks();
-        // The speed is at least that of six steps in their time, so that the rotor is at rest when that time
-        // ends.
-        let bits = (per_second * u64::from(FORTH.unsigned_abs())).div_ceil(FORTH_TAKES.ticks());
-        let speed = U24F8::from_bits(u32::try_from(bits).unwrap_or(u32::MAX));
-        let percent = (self.bank.word(Reg::CC) & 0xFF) as u8;
-        self.motion.circuit_turn(at, full_steps * i32::from(microsteps), evenly(speed), percent, out);
-    }
+/// Turns the rotor by full steps for the calibration.
+fn turn_full_steps(env: &mut Environment<'_>, full_steps: i32) {
+    let microsteps = env.registers.word(Reg::MS);
+    let per_second = (u64::from(microsteps) << 8) * Duration::secs(1).ticks();
+    // The speed is at least that of six steps in their time, so that the rotor is at rest when that time
+    // ends.
+    let bits = (per_second * u64::from(FORTH.unsigned_abs())).div_ceil(FORTH_TAKES.ticks());
+    let speed = U24F8::from_bits(u32::try_from(bits).unwrap_or(u32::MAX));
+    let percent = (env.registers.word(Reg::CC) & 0xFF) as u8;
+    env.motion.circuit_turn(env.at, full_steps * i32::from(microsteps), evenly(speed), percent, env.out);
 }

@@ -4,8 +4,8 @@
 //! | file | content |
 //! |---|---|
 //! | `calibration` | aligns rotor and stator |
-//! | `rotor` | control of the rotor: torque mode, make-up, bounds |
-//! | `status` | status: AF, LL, LR, trips |
+//! | `rotor` | control of the rotor: torque mode, make-up, limits, bounds |
+//! | `status` | status: AF, LL, LR, bridge |
 //! | `heat` | temperature of the electronics |
 //!
 //! The rotor lags while its shaft is blocked (a fault) or its load is too heavy, and also afterwards if it is
@@ -22,15 +22,19 @@ use self::calibration::Calibration;
 use self::heat::{Heat, SHUTDOWN};
 use self::rotor::Rotor;
 use self::status::{Limit, condition};
-use super::drive::{Drive, Model};
+use super::drive::Model;
 use super::error::Error;
-use super::reasons::Why;
+use super::io::Io;
+use super::motion::Motion;
 use super::registers::Reg;
+use super::settings::set_motion;
+use super::variables::Registers;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Context, Fault, Instant};
+use heapless::Deque;
 
 /// Text printed when WT is exceeded; MC 5-81 does not give the text (MDRIVE-31).
-const WARNING: &[u8] = b"Error 71\r\n";
+pub(super) const WARNING: &[u8] = b"Error 71\r\n";
 
 /// Values of AS.
 mod mode {
@@ -69,6 +73,47 @@ impl Causes {
     }
 }
 
+/// Event of the circuitry for the rest of the drive.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Event {
+    /// An error.
+    Failed(Error),
+    CalibrationFailed,
+    /// The temperature has exceeded WT.
+    IsWarm,
+    /// A condition of TA has become true.
+    Reached(u8),
+    /// A condition of TA has become true. Unless TA trips on it, it is this error.
+    Limit(Error, u8),
+}
+
+/// Events that the drive has not handled yet.
+#[derive(Clone, Debug)]
+struct Events(Deque<Event, 8>);
+
+impl Events {
+    fn push(&mut self, event: Event) {
+        let queued = self.0.push_back(event);
+        debug_assert!(queued.is_ok(), "the drive takes events after each run of the circuitry");
+    }
+}
+
+/// The rest of the drive as the circuitry sees it, at one instant.
+pub(super) struct Environment<'a> {
+    pub(super) at: Instant,
+    pub(super) registers: &'a mut Registers,
+    pub(super) io: &'a Io,
+    pub(super) motion: &'a mut Motion,
+    pub(super) out: &'a mut dyn Context,
+}
+
+impl Environment<'_> {
+    /// Switches the bridge off, or on if DE is 1.
+    fn disable_bridge(&mut self, is_disabled: bool) {
+        set_motion(self.at, self.registers, self.io, is_disabled, self.motion, self.out);
+    }
+}
+
 /// State of the Hybrid's circuitry. An MDrivePlus² uses only the bridge that heat can switch off.
 #[derive(Clone, Debug)]
 pub(super) struct Hybrid {
@@ -91,6 +136,7 @@ pub(super) struct Hybrid {
     /// Time at which C1 reaches an end of its range.
     position_due: Instant,
     causes: Causes,
+    events: Events,
 }
 
 impl Hybrid {
@@ -109,6 +155,7 @@ impl Hybrid {
         is_overheated: false,
         position_due: Instant::NEVER,
         causes: Causes::NONE,
+        events: Events(Deque::new()),
     };
 
     /// Resets the state at power-on (`whole`) or a restart. A restart keeps the temperature and the causes of
@@ -132,114 +179,95 @@ impl Hybrid {
         self.is_overheated = self.causes.has(OVER_TEMPERATURE);
         self.is_disabled = self.is_overheated;
     }
-}
 
-impl Drive {
+    /// Takes the oldest event, if any.
+    pub(super) fn next_event(&mut self) -> Option<Event> {
+        self.events.0.pop_front()
+    }
+
     /// Sets or clears the cause of a fault.
-    pub(super) fn set_hybrid_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
-        let comes = on && !self.hybrid.causes.has(fault);
-        self.hybrid.causes.set(fault, on);
+    pub(super) fn set_fault(&mut self, env: &mut Environment<'_>, fault: Fault, on: bool) {
+        let comes = on && !self.causes.has(fault);
+        self.causes.set(fault, on);
         match fault {
-            LEAD_LIMIT if comes => self.report(at, Error::LeadLimit, condition::LEAD, out),
-            LAG_LIMIT if comes => self.report(at, Error::LagLimit, condition::LAG, out),
-            LOCKED_ROTOR if on && self.watches_rotor() => self.lock(at, out),
-            LOCKED_ROTOR if self.is_in_torque_mode() => self.hybrid.is_locked = false,
-            OVER_TEMPERATURE if self.model == Model::Hybrid => self.hybrid.heat.set(at, on),
+            LEAD_LIMIT if comes => self.events.push(Event::Limit(Error::LeadLimit, condition::LEAD)),
+            LAG_LIMIT if comes => self.events.push(Event::Limit(Error::LagLimit, condition::LAG)),
+            LOCKED_ROTOR if on && self.watches_rotor(env.registers) => self.lock(env),
+            LOCKED_ROTOR if is_in_torque_mode(env.registers) => self.is_locked = false,
+            OVER_TEMPERATURE if env.registers.model() == Model::Hybrid => self.heat.set(env.at, on),
             _ => {}
         }
     }
 
     /// Begins the next stage of a calibration if it is due. Rotor and temperature need no handling here,
-    /// because `update_hybrid` checks them after every event.
-    pub(super) fn hybrid_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.hybrid.calibration.due() <= at {
-            self.calibrate_on(at, out);
-        }
-    }
-
-    /// Checks rotor and temperature. This runs after every event.
-    pub(super) fn update_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
-        match self.model {
-            _ if !self.is_started() => {}
-            Model::Hybrid => {
-                self.watch_rotor(at, out);
-                self.watch_heat(at, out);
-            }
-            Model::Plus if self.hybrid.causes.has(OVER_TEMPERATURE) => {
-                self.overheat(at, Error::LinearOverTemperature, out);
-            }
-            Model::Plus => {}
+    /// because they are checked after every event.
+    pub(super) fn timeout(&mut self, env: &mut Environment<'_>) {
+        if self.calibration.due() <= env.at {
+            self.calibrate_on(env);
         }
     }
 
     /// Predicts when C1 reaches an end of its range, after a change of the plan or at that time. There C1
     /// wraps to the other end, and a Hybrid reports error 105.
-    pub(super) fn watch_position(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.model != Model::Hybrid {
+    pub(super) fn watch_position(&mut self, env: &mut Environment<'_>) {
+        if env.registers.model() == Model::Plus {
             return;
         }
-        if self.hybrid.position_due <= at {
-            self.fail(at, Error::MaximumPosition, out);
+        let (at, motion) = (env.at, &*env.motion);
+        if self.position_due <= at {
+            self.events.push(Event::Failed(Error::MaximumPosition));
         }
-        let steps = self.motion.steps(at);
+        let steps = motion.steps(at);
         // The step from one end of the range to the other does not count as reaching it.
         let ends = [i32::MIN, i32::MAX].into_iter().filter(|&end| end != !steps);
-        let dues = ends.map(|end| self.motion.reaches_steps(at, end)).filter(|&due| due > at);
-        self.hybrid.position_due = dues.min().unwrap_or(Instant::NEVER);
+        let dues = ends.map(|end| motion.reaches_steps(at, end)).filter(|&due| due > at);
+        self.position_due = dues.min().unwrap_or(Instant::NEVER);
+    }
+
+    /// Checks the rotor of a Hybrid, and warns above WT.
+    pub(super) fn watch(&mut self, env: &mut Environment<'_>) {
+        if env.registers.model() == Model::Plus {
+            return;
+        }
+        self.watch_rotor(env);
+        let is_warm = self.heat.celsius(env.at) >= warning(env.registers);
+        if is_warm && !self.has_warned {
+            self.events.push(Event::IsWarm);
+        }
+        self.has_warned = is_warm;
+    }
+
+    /// Switches the bridge off at [`SHUTDOWN`]. An MDrivePlus² does so as soon as its electronics heat up.
+    pub(super) fn watch_heat(&mut self, env: &mut Environment<'_>) {
+        if env.registers.model() == Model::Plus {
+            if self.causes.has(OVER_TEMPERATURE) {
+                self.overheat(env, Error::LinearOverTemperature);
+            }
+            return;
+        }
+        if self.heat.celsius(env.at) >= SHUTDOWN {
+            self.overheat(env, Error::OverTemperature);
+            self.watch_rotor(env);
+        }
+        let dues = [warning(env.registers), SHUTDOWN].map(|celsius| self.heat.passes(celsius));
+        self.heat_due = dues.into_iter().filter(|&due| due > env.at).min().unwrap_or(Instant::NEVER);
     }
 
     /// Switches the bridge off, because the electronics are too hot.
-    fn overheat(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
-        if !self.hybrid.is_overheated {
-            (self.hybrid.is_overheated, self.hybrid.is_disabled) = (true, true);
-            self.set_motion(at, out);
-            self.fail(at, error, out);
+    fn overheat(&mut self, env: &mut Environment<'_>, error: Error) {
+        if !self.is_overheated {
+            (self.is_overheated, self.is_disabled) = (true, true);
+            env.disable_bridge(true);
+            self.events.push(Event::Failed(error));
         }
     }
+}
 
-    /// Checks that the bridge is on: DE is 1, and the circuitry has not switched it off.
-    ///
-    /// # Errors
-    /// The bridge is off.
-    pub(super) fn needs_bridge(&self) -> Result<(), Why> {
-        match &self.hybrid {
-            _ if self.bank.word(Reg::DE) == 0 => Err(Why::NoBridge),
-            Hybrid { is_disabled: false, .. } => Ok(()),
-            Hybrid { is_overheated: true, .. } => Err(Why::TooHot),
-            _ => Err(Why::RotorLocked),
-        }
-    }
+fn is_in_torque_mode(registers: &Registers) -> bool {
+    registers.word(Reg::AS) == mode::TORQUE
+}
 
-    /// Returns true if the bridge is on.
-    pub(super) fn has_bridge(&self) -> bool {
-        self.needs_bridge().is_ok()
-    }
-
-    /// Returns true if the circuitry controls the rotor.
-    fn watches_rotor(&self) -> bool {
-        let is_on = self.bank.word(Reg::AS) != mode::OFF && self.has_bridge();
-        is_on && self.hybrid.calibration.is_over()
-    }
-
-    fn is_in_torque_mode(&self) -> bool {
-        self.bank.word(Reg::AS) == mode::TORQUE
-    }
-
-    /// Warns above WT, and switches the bridge off at [`SHUTDOWN`].
-    fn watch_heat(&mut self, at: Instant, out: &mut dyn Context) {
-        let warning = i64::from(self.bank.word(Reg::WT)) + 1;
-        let is_warm = self.hybrid.heat.celsius(at) >= warning;
-        if is_warm && !self.hybrid.has_warned {
-            // "The device will print an error 71 to the terminal screen" (MC 5-81).
-            self.send_to_all(at, WARNING, out);
-            self.fail(at, Error::TemperatureWarning, out);
-        }
-        self.hybrid.has_warned = is_warm;
-        if self.hybrid.heat.celsius(at) >= SHUTDOWN {
-            self.overheat(at, Error::OverTemperature, out);
-            self.watch_rotor(at, out);
-        }
-        let dues = [warning, SHUTDOWN].map(|celsius| self.hybrid.heat.passes(celsius));
-        self.hybrid.heat_due = dues.into_iter().filter(|&due| due > at).min().unwrap_or(Instant::NEVER);
-    }
+/// Temperature of the warning, in °C: above WT.
+fn warning(registers: &Registers) -> i64 {
+    i64::from(registers.word(Reg::WT)) + 1
 }

@@ -6,12 +6,12 @@
 
 use fixed::types::{I24F8, U24F8};
 
-use super::status::condition;
-use super::{Hybrid, LOCKED_ROTOR, frequency};
-use crate::device::{Context, Duration, Instant};
-use crate::mdrive::drive::Drive;
+use super::status::{Limit, condition};
+use super::{Environment, Event, Hybrid, LOCKED_ROTOR, frequency, is_in_torque_mode};
+use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::Registers;
 use crate::motion::{Limits, MAX_ACCELERATION};
 
 /// Full steps in a revolution, for the accelerations and speeds in this file.
@@ -52,245 +52,262 @@ impl Hybrid {
     }
 
     /// Returns true if the rotor turns without a commanded motion.
-    pub(super) fn turns(&self) -> bool {
+    pub(in crate::mdrive) fn turns(&self) -> bool {
         matches!(self.rotor, Rotor::Spins { is_stopped: false, .. } | Rotor::Slows(_))
     }
 }
 
-impl Drive {
-    /// Returns true if anything moves. S, SC, CF, MS and similar commands are refused then.
-    pub(in crate::mdrive) fn is_in_motion(&self) -> bool {
-        self.motion.is_moving() || self.hybrid.turns()
-    }
-
-    /// Blocks the shaft, or releases it.
-    pub(in crate::mdrive) fn block_shaft(&mut self, at: Instant, held: bool, out: &mut dyn Context) {
-        self.motion.block_shaft(at, held, out);
-        self.apply_rotor_settings(at, out);
-    }
-
+impl Hybrid {
     /// Handles a possible release of the shaft from a blocking or its load: the circuitry continues to drive
     /// it from its present position.
-    pub(in crate::mdrive) fn apply_rotor_settings(&mut self, at: Instant, out: &mut dyn Context) {
-        if !self.watches_rotor() {
+    pub(in crate::mdrive) fn follow_rotor(&mut self, env: &mut Environment<'_>) {
+        if !self.watches_rotor(env.registers) {
             return;
         }
-        self.motion.resynchronise_rotor(at, out);
-        if let Rotor::Spins { spin, .. } = self.hybrid.rotor {
-            self.spin(at, spin, out);
+        env.motion.resynchronise_rotor(env.at, env.out);
+        if let Rotor::Spins { spin, .. } = self.rotor {
+            self.spin(env, spin);
         }
     }
 
     /// Checks the rotor, and reacts if it is off its position: makes up for the lag, reports it, or locks the
     /// rotor.
-    pub(super) fn watch_rotor(&mut self, at: Instant, out: &mut dyn Context) {
-        self.hybrid.rotor_due = Instant::NEVER;
-        if self.hybrid.rotor != Rotor::Free && !self.motion.is_circuit_driven() {
+    pub(super) fn watch_rotor(&mut self, env: &mut Environment<'_>) {
+        self.rotor_due = Instant::NEVER;
+        if self.rotor != Rotor::Free && !env.motion.is_circuit_driven() {
             // A motion command has ended the control.
-            self.hybrid.rotor = Rotor::Free;
+            self.rotor = Rotor::Free;
         }
-        self.watch_torque(at, out);
-        if !self.watches_rotor() {
-            self.hybrid.at_bounds = None;
-            if self.hybrid.rotor == Rotor::MakesUp {
-                self.leave_rotor(at, out);
+        self.watch_torque(env);
+        if !self.watches_rotor(env.registers) {
+            self.at_bounds = None;
+            if self.rotor == Rotor::MakesUp {
+                self.leave_rotor(env);
             }
             return;
         }
-        self.make_up(at, out);
-        self.watch_lag(at, out);
-        self.watch_bounds(at, out);
+        self.make_up(env);
+        self.watch_lag(env);
+        self.watch_bounds(env);
     }
 
     /// Begins torque mode when all motion has ended, updates it when values change, or ends it.
-    fn watch_torque(&mut self, at: Instant, out: &mut dyn Context) {
-        let is_wanted = self.watches_rotor() && self.is_in_torque_mode();
-        let (torque, speed) = (self.bank.word(Reg::TQ), self.bank.word(Reg::TS));
-        match self.hybrid.rotor {
+    fn watch_torque(&mut self, env: &mut Environment<'_>) {
+        let is_wanted = self.watches_rotor(env.registers) && is_in_torque_mode(env.registers);
+        let (torque, speed) = (env.registers.word(Reg::TQ), env.registers.word(Reg::TS));
+        match self.rotor {
             Rotor::Spins { spin, is_stopped } if is_wanted => {
                 // TD is read only when torque mode begins (MC 5-72).
                 let now = Spin { torque, speed, ..spin };
                 if now != spin {
-                    self.spin(at, now, out);
-                } else if !is_stopped && !self.motion.follows() {
-                    self.spin_on(at, spin, out);
-                } else if is_stopped && self.motion.follows() && self.motion.can_turn(spin.forward) {
+                    self.spin(env, now);
+                } else if !is_stopped && !env.motion.follows() {
+                    self.spin_on(env, spin);
+                } else if is_stopped && env.motion.follows() && env.motion.can_turn(spin.forward) {
                     // The load was too heavy, and has become lighter.
-                    self.spin(at, spin, out);
+                    self.spin(env, spin);
                 }
             }
             _ if is_wanted => {
-                if self.motion.is_at_rest() || self.motion.is_circuit_driven() {
-                    let forward = self.bank.word(Reg::TD) != 0;
-                    self.spin(at, Spin { torque, speed, forward }, out);
+                if env.motion.is_at_rest() || env.motion.is_circuit_driven() {
+                    let forward = env.registers.word(Reg::TD) != 0;
+                    self.spin(env, Spin { torque, speed, forward });
                 }
             }
-            Rotor::Spins { is_stopped: true, .. } => self.leave_rotor(at, out),
-            Rotor::Spins { .. } | Rotor::Slows(_) => self.slow_down(at, out),
+            Rotor::Spins { is_stopped: true, .. } => self.leave_rotor(env),
+            Rotor::Spins { .. } | Rotor::Slows(_) => self.slow_down(env),
             Rotor::Free | Rotor::MakesUp => {}
         }
     }
 
     /// Accelerates the rotor, or slows it down, with torque TQ to the speed that TS allows.
-    fn spin(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
+    fn spin(&mut self, env: &mut Environment<'_>, spin: Spin) {
         let Spin { torque, speed, forward } = spin;
-        let fastest = i64::from(self.in_steps(PULL_OUT));
+        let fastest = i64::from(in_steps(env.registers, PULL_OUT));
         let speed = i64::from(frequency(speed.into())).min(fastest);
         let turns = I24F8::saturating_from_num(if forward { speed } else { -speed });
-        let acceleration = self.in_steps(by_torque(torque));
-        self.hybrid.rotor = Rotor::Spins { spin, is_stopped: false };
-        self.motion.circuit_spin(at, turns, acceleration, (torque & 0xFF) as u8, out);
-        if !self.motion.follows() {
-            self.spin_on(at, spin, out);
+        let acceleration = in_steps(env.registers, by_torque(torque));
+        self.rotor = Rotor::Spins { spin, is_stopped: false };
+        env.motion.circuit_spin(env.at, turns, acceleration, (torque & 0xFF) as u8, env.out);
+        if !env.motion.follows() {
+            self.spin_on(env, spin);
         }
     }
 
     /// Handles a rotor if no torque is left to accelerate it. The rotor keeps its present speed, or stops.
-    fn spin_on(&mut self, at: Instant, spin: Spin, out: &mut dyn Context) {
-        let speed = self.motion.circuit_speed(at);
+    fn spin_on(&mut self, env: &mut Environment<'_>, spin: Spin) {
+        let speed = env.motion.circuit_speed(env.at);
         if speed != 0 {
-            let rounds_by = self.in_steps(self.coasts());
-            self.motion.circuit_spin(at, speed, rounds_by, (spin.torque & 0xFF) as u8, out);
-            self.motion.resynchronise_rotor(at, out);
+            let rounds_by = in_steps(env.registers, coasts(env.registers));
+            env.motion.circuit_spin(env.at, speed, rounds_by, (spin.torque & 0xFF) as u8, env.out);
+            env.motion.resynchronise_rotor(env.at, env.out);
         }
-        let is_stopped = speed == 0 || !self.motion.follows();
+        let is_stopped = speed == 0 || !env.motion.follows();
         if is_stopped {
-            self.motion.circuit_stop(at, out);
+            env.motion.circuit_stop(env.at, env.out);
         }
-        self.hybrid.rotor = Rotor::Spins { spin, is_stopped };
+        self.rotor = Rotor::Spins { spin, is_stopped };
     }
 
     /// Slows the rotor to standstill. RC brakes it; without a bridge its friction does.
-    fn slow_down(&mut self, at: Instant, out: &mut dyn Context) {
-        let (run, coasts) = (self.bank.word(Reg::RC), self.coasts());
-        let by = if self.has_bridge() { by_torque(run) } else { coasts };
+    fn slow_down(&mut self, env: &mut Environment<'_>) {
+        let (run, coasts) = (env.registers.word(Reg::RC), coasts(env.registers));
+        let by = if self.has_bridge(env.registers) { by_torque(run) } else { coasts };
         let now = Rotor::Slows(by);
         let percent = (run & 0xFF) as u8;
-        if core::mem::replace(&mut self.hybrid.rotor, now) != now {
-            self.motion.circuit_slow(at, self.in_steps(by), percent, out);
+        if core::mem::replace(&mut self.rotor, now) != now {
+            env.motion.circuit_slow(env.at, in_steps(env.registers, by), percent, env.out);
         }
-        if !self.motion.follows() {
+        if !env.motion.follows() {
             // The current RC is not enough for this deceleration.
-            self.motion.circuit_slow(at, self.in_steps(coasts), percent, out);
-            self.motion.resynchronise_rotor(at, out);
+            env.motion.circuit_slow(env.at, in_steps(env.registers, coasts), percent, env.out);
+            env.motion.resynchronise_rotor(env.at, env.out);
         }
-        let ends = self.motion.plan_ends();
-        if ends <= at || !self.motion.follows() {
-            self.leave_rotor(at, out);
+        let ends = env.motion.plan_ends();
+        if ends <= env.at || !env.motion.follows() {
+            self.leave_rotor(env);
         } else {
-            self.hybrid.rotor_due = ends;
+            self.rotor_due = ends;
         }
-    }
-
-    /// Deceleration of the rotor by friction, in full steps/s².
-    fn coasts(&self) -> u32 {
-        /// Acceleration by 1 µN·m at 1 g·cm², in full steps/s²: 10 rad/s², with 200 full steps in a
-        /// revolution.
-        const EACH: u64 = 318;
-        let long = |reg| u64::try_from(self.bank.get(reg)).unwrap_or(0);
-        let by = (long(Reg::Friction) * 1_000 * EACH).checked_div(long(Reg::Inertia)).unwrap_or(0);
-        u32::try_from(by.max(LEAST_DECELERATION)).unwrap_or(u32::MAX)
-    }
-
-    /// Converts an acceleration or a speed from full steps to steps.
-    fn in_steps(&self, full_steps: u32) -> u32 {
-        let steps_per_rev = u64::from(self.bank.word(Reg::MS)) * u64::from(self.bank.word(Reg::FullSteps));
-        let steps = u64::from(full_steps).saturating_mul(steps_per_rev) / u64::from(STEPS_PER_REV);
-        u32::try_from(steps).unwrap_or(u32::MAX).min(MAX_ACCELERATION)
     }
 
     /// Ends the control of the rotor at its present position, where it neither lags nor leads.
-    fn leave_rotor(&mut self, at: Instant, out: &mut dyn Context) {
-        self.motion.circuit_end(at, out);
-        self.motion.clear_lag(at);
-        self.hybrid.rotor = Rotor::Free;
+    fn leave_rotor(&mut self, env: &mut Environment<'_>) {
+        env.motion.circuit_end(env.at, env.out);
+        env.motion.clear_lag(env.at);
+        self.rotor = Rotor::Free;
     }
 
     /// Makes up for the rotor's lag after a motion if MU is not 0, at the speed of MF or SS.
-    fn make_up(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.hybrid.rotor == Rotor::MakesUp {
-            let ends = self.motion.plan_ends();
-            if ends > at {
-                self.hybrid.rotor_due = ends;
+    fn make_up(&mut self, env: &mut Environment<'_>) {
+        if self.rotor == Rotor::MakesUp {
+            let ends = env.motion.plan_ends();
+            if ends > env.at {
+                self.rotor_due = ends;
                 return;
             }
-            self.motion.circuit_end(at, out);
-            self.hybrid.rotor = Rotor::Free;
+            env.motion.circuit_end(env.at, env.out);
+            self.rotor = Rotor::Free;
         }
-        let system = frequency(self.bank.word(Reg::SS).into());
-        let frequency = match self.bank.word(Reg::MU) {
-            1 => i32::try_from(self.bank.get(Reg::MF)).unwrap_or(i32::MAX).min(system),
+        let system = frequency(env.registers.word(Reg::SS).into());
+        let frequency = match env.registers.word(Reg::MU) {
+            1 => i32::try_from(env.registers.get(Reg::MF)).unwrap_or(i32::MAX).min(system),
             2 => system,
             _ => return,
         };
-        let lag = self.lag(at);
-        if lag == 0 || !self.motion.is_at_rest() || !self.motion.shaft_stands() {
+        let lag = self.lag(env.at, env.registers, env.motion);
+        if lag == 0 || !env.motion.is_at_rest() || !env.motion.shaft_stands() {
             return;
         }
-        let percent = (self.bank.word(Reg::RC) & 0xFF) as u8;
-        self.motion.circuit_turn(at, lag, evenly(U24F8::saturating_from_num(frequency)), percent, out);
-        self.hybrid.rotor = Rotor::MakesUp;
-        self.hybrid.rotor_due = self.motion.plan_ends();
-        self.trip_on_status(at, condition::ACTIVE, out);
+        let percent = (env.registers.word(Reg::RC) & 0xFF) as u8;
+        env.motion.circuit_turn(env.at, lag, evenly(U24F8::saturating_from_num(frequency)), percent, env.out);
+        self.rotor = Rotor::MakesUp;
+        self.rotor_due = env.motion.plan_ends();
+        self.events.push(Event::Reached(condition::ACTIVE));
+    }
+
+    /// Reports a lag beyond LG or a lead beyond LD (MC 5-41).
+    fn watch_lag(&mut self, env: &mut Environment<'_>) {
+        let limit = |reg| i32::try_from(env.registers.get(reg)).unwrap_or(i32::MAX);
+        let (most, least) = (limit(Reg::LG), -limit(Reg::LD));
+        let lag = self.lag(env.at, env.registers, env.motion);
+        let now = if lag > 0 && lag >= most {
+            Some(Limit::Lag)
+        } else if lag < 0 && lag <= least {
+            Some(Limit::Lead)
+        } else {
+            None
+        };
+        let before = core::mem::replace(&mut self.limit, now);
+        match now.filter(|_| now != before) {
+            Some(Limit::Lag) => self.events.push(Event::Limit(Error::LagLimit, condition::LAG)),
+            Some(Limit::Lead) => self.events.push(Event::Limit(Error::LeadLimit, condition::LEAD)),
+            None => {}
+        }
+        if now != Some(Limit::Lag) {
+            self.predict_lag(env, most);
+        }
+        if now != Some(Limit::Lead) {
+            self.predict_lag(env, least);
+        }
     }
 
     /// Locks a rotor that has stayed at the bounds of CB for the time LT (MC 5-44). In torque mode a rotor
     /// that does not turn counts as at the bounds.
-    fn watch_bounds(&mut self, at: Instant, out: &mut dyn Context) {
+    fn watch_bounds(&mut self, env: &mut Environment<'_>) {
         // CB 0 to 3 are 11, 13, 15 and 17 tenths of a full step.
-        let tenths = 11 + 2 * i32::from(self.bank.word(Reg::CB));
-        let bounds = i32::from(self.bank.word(Reg::MS)) * tenths / 10;
-        let stands = !self.motion.follows();
-        let is_at_bounds = match self.hybrid.rotor {
+        let tenths = 11 + 2 * i32::from(env.registers.word(Reg::CB));
+        let bounds = i32::from(env.registers.word(Reg::MS)) * tenths / 10;
+        let stands = !env.motion.follows();
+        let is_at_bounds = match self.rotor {
             Rotor::Spins { is_stopped, .. } => is_stopped,
-            _ => stands && self.lag(at).unsigned_abs() >= bounds.unsigned_abs(),
+            _ => {
+                stands && self.lag(env.at, env.registers, env.motion).unsigned_abs() >= bounds.unsigned_abs()
+            }
         };
         if !is_at_bounds {
-            self.hybrid.at_bounds = None;
-            if self.is_in_torque_mode() && !self.hybrid.causes.has(LOCKED_ROTOR) {
-                self.hybrid.is_locked = false;
+            self.at_bounds = None;
+            if is_in_torque_mode(env.registers) && !self.causes.has(LOCKED_ROTOR) {
+                self.is_locked = false;
             }
             if stands {
-                self.predict_lag(at, bounds);
-                self.predict_lag(at, -bounds);
+                self.predict_lag(env, bounds);
+                self.predict_lag(env, -bounds);
             }
             return;
         }
-        let begins = self.hybrid.at_bounds.is_none();
-        let since = *self.hybrid.at_bounds.get_or_insert(at);
+        let begins = self.at_bounds.is_none();
+        let since = *self.at_bounds.get_or_insert(env.at);
         if begins {
-            self.trip_on_status(at, condition::ACTIVE, out);
+            self.events.push(Event::Reached(condition::ACTIVE));
         }
-        let timeout = Duration::millis(u64::try_from(self.bank.get(Reg::LT)).unwrap_or(0));
-        if self.hybrid.is_locked {
+        let timeout = Duration::millis(u64::try_from(env.registers.get(Reg::LT)).unwrap_or(0));
+        if self.is_locked {
             return;
         }
-        if since + timeout <= at {
-            self.lock(at, out);
+        if since + timeout <= env.at {
+            self.lock(env);
         } else {
-            self.hybrid.rotor_due = self.hybrid.rotor_due.min(since + timeout);
+            self.rotor_due = self.rotor_due.min(since + timeout);
         }
     }
 
     /// Schedules a check for the time at which the rotor may reach this lag.
-    pub(super) fn predict_lag(&mut self, at: Instant, lag: i32) {
-        if !self.motion.is_circuit_driven() {
-            self.hybrid.rotor_due = self.hybrid.rotor_due.min(self.motion.lag_time(at, lag));
+    fn predict_lag(&mut self, env: &Environment<'_>, lag: i32) {
+        if !env.motion.is_circuit_driven() {
+            self.rotor_due = self.rotor_due.min(env.motion.lag_time(env.at, lag));
         }
     }
 
     /// Marks the rotor as locked. Except in torque mode, this switches the bridge off and ends the motion
     /// like a stall (MDRIVE-30).
-    pub(super) fn lock(&mut self, at: Instant, out: &mut dyn Context) {
-        self.hybrid.is_locked = true;
-        if self.is_in_torque_mode() {
-            return self.trip_on_status(at, condition::LOCKED, out);
+    pub(super) fn lock(&mut self, env: &mut Environment<'_>) {
+        self.is_locked = true;
+        if is_in_torque_mode(env.registers) {
+            return self.events.push(Event::Reached(condition::LOCKED));
         }
-        (self.hybrid.is_disabled, self.hybrid.at_bounds) = (true, None);
-        self.motion.halt(at, out);
-        self.set_motion(at, out);
-        self.report(at, Error::LockedRotor, condition::LOCKED, out);
+        (self.is_disabled, self.at_bounds) = (true, None);
+        env.motion.halt(env.at, env.out);
+        env.disable_bridge(true);
+        self.events.push(Event::Limit(Error::LockedRotor, condition::LOCKED));
     }
+}
+
+/// Deceleration of the rotor by friction, in full steps/s².
+fn coasts(registers: &Registers) -> u32 {
+    /// Acceleration by 1 µN·m at 1 g·cm², in full steps/s²: 10 rad/s², with 200 full steps in a
+    /// revolution.
+    const EACH: u64 = 318;
+    let long = |reg| u64::try_from(registers.get(reg)).unwrap_or(0);
+    let by = (long(Reg::Friction) * 1_000 * EACH).checked_div(long(Reg::Inertia)).unwrap_or(0);
+    u32::try_from(by.max(LEAST_DECELERATION)).unwrap_or(u32::MAX)
+}
+
+/// Converts an acceleration or a speed from full steps to steps.
+fn in_steps(registers: &Registers, full_steps: u32) -> u32 {
+    let steps_per_rev = u64::from(registers.word(Reg::MS)) * u64::from(registers.word(Reg::FullSteps));
+    let steps = u64::from(full_steps).saturating_mul(steps_per_rev) / u64::from(STEPS_PER_REV);
+    u32::try_from(steps).unwrap_or(u32::MAX).min(MAX_ACCELERATION)
 }
 
 /// Acceleration by a percentage of the full torque, in full steps/s².

@@ -1,12 +1,13 @@
-//! Status of the circuitry: AF, LL, LR, IT, errors and trips (MC 5-2, 5-41, 5-42, 5-71).
+//! Status of the circuitry: AF, LL, LR, IT, the bridge (MC 5-2, 5-41, 5-42), and the conditions of TA (MC 5-71).
 
 use super::calibration::Calibration;
 use super::rotor::Rotor;
-use super::{Hybrid, LAG_LIMIT, LEAD_LIMIT};
-use crate::device::{Context, Instant};
-use crate::mdrive::drive::Drive;
-use crate::mdrive::error::Error;
+use super::{Hybrid, LAG_LIMIT, LEAD_LIMIT, is_in_torque_mode, mode};
+use crate::device::Instant;
+use crate::mdrive::motion::Motion;
+use crate::mdrive::reasons::Why;
 use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::Registers;
 
 /// Bits of AF (MC 5-2).
 mod bit {
@@ -52,18 +53,17 @@ impl Hybrid {
     pub(in crate::mdrive) fn temperature(&self, at: Instant) -> i32 {
         i32::try_from(self.heat.celsius(at)).unwrap_or(0)
     }
-}
 
-impl Drive {
     /// AF, the status as bits.
-    pub(in crate::mdrive) fn hybrid_status(&self, at: Instant) -> u16 {
-        let Hybrid { limit, causes, rotor, calibration, is_locked, is_overheated, .. } = self.hybrid;
-        let at_zero = self.watches_rotor() && rotor == Rotor::Free && self.lag(at) == 0;
+    pub(in crate::mdrive) fn status(&self, at: Instant, registers: &Registers, motion: &Motion) -> u16 {
+        let Self { limit, causes, rotor, calibration, is_locked, is_overheated, .. } = *self;
+        let at_zero =
+            self.watches_rotor(registers) && rotor == Rotor::Free && self.lag(at, registers, motion) == 0;
         [
             (limit == Some(Limit::Lead) || causes.has(LEAD_LIMIT), bit::LEAD),
             (limit == Some(Limit::Lag) || causes.has(LAG_LIMIT), bit::LAG),
             (is_locked, bit::LOCKED),
-            (self.corrects_rotor(), bit::ACTIVE),
+            (self.corrects_rotor(motion), bit::ACTIVE),
             (is_overheated, bit::HARDWARE),
             (at_zero, bit::AT_ZERO),
             (calibration.is_over(), bit::CALIBRATED),
@@ -75,55 +75,38 @@ impl Drive {
     }
 
     /// Returns true if the circuitry corrects the rotor at present.
-    pub(in crate::mdrive) fn corrects_rotor(&self) -> bool {
-        self.hybrid.at_bounds.is_some() || self.hybrid.rotor != Rotor::Free || self.motion.is_too_fast()
+    pub(in crate::mdrive) fn corrects_rotor(&self, motion: &Motion) -> bool {
+        self.at_bounds.is_some() || self.rotor != Rotor::Free || motion.is_too_fast()
     }
 
     /// LL, the lag in steps. It is 0 in torque mode and until the rotor is at rest after it, during a
     /// calibration, and while the circuitry is off.
-    pub(in crate::mdrive) fn lag(&self, at: Instant) -> i32 {
-        let is_bound = self.watches_rotor() && !self.is_in_torque_mode() && !self.hybrid.turns();
-        if is_bound { self.motion.lag(at) } else { 0 }
+    pub(in crate::mdrive) fn lag(&self, at: Instant, registers: &Registers, motion: &Motion) -> i32 {
+        let is_bound = self.watches_rotor(registers) && !is_in_torque_mode(registers) && !self.turns();
+        if is_bound { motion.lag(at) } else { 0 }
     }
 
-    /// Clears the lag. MCode does this if the second value of MU is 1, as in `MU=2,1`.
-    pub(in crate::mdrive) fn clear_lag(&mut self, at: Instant) {
-        self.motion.clear_lag(at);
+    /// Returns true if the circuitry controls the rotor.
+    pub(super) fn watches_rotor(&self, registers: &Registers) -> bool {
+        let is_on = registers.word(Reg::AS) != mode::OFF && self.has_bridge(registers);
+        is_on && self.calibration.is_over()
     }
 
-    /// Reports a lag beyond LG or a lead beyond LD (MC 5-41).
-    pub(super) fn watch_lag(&mut self, at: Instant, out: &mut dyn Context) {
-        let limit = |reg| i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX);
-        let (most, least) = (limit(Reg::LG), -limit(Reg::LD));
-        let lag = self.lag(at);
-        let now = if lag > 0 && lag >= most {
-            Some(Limit::Lag)
-        } else if lag < 0 && lag <= least {
-            Some(Limit::Lead)
-        } else {
-            None
-        };
-        let before = core::mem::replace(&mut self.hybrid.limit, now);
-        match now.filter(|_| now != before) {
-            Some(Limit::Lag) => self.report(at, Error::LagLimit, condition::LAG, out),
-            Some(Limit::Lead) => self.report(at, Error::LeadLimit, condition::LEAD, out),
-            None => {}
-        }
-        if now != Some(Limit::Lag) {
-            self.predict_lag(at, most);
-        }
-        if now != Some(Limit::Lead) {
-            self.predict_lag(at, least);
+    /// Checks that the bridge is on: DE is 1, and the circuitry has not switched it off.
+    ///
+    /// # Errors
+    /// The bridge is off.
+    pub(in crate::mdrive) fn needs_bridge(&self, registers: &Registers) -> Result<(), Why> {
+        match self {
+            _ if registers.word(Reg::DE) == 0 => Err(Why::NoBridge),
+            Self { is_disabled: false, .. } => Ok(()),
+            Self { is_overheated: true, .. } => Err(Why::TooHot),
+            _ => Err(Why::RotorLocked),
         }
     }
 
-    /// Reports an error of the rotor and triggers its trip.
-    pub(super) fn report(&mut self, at: Instant, error: Error, condition: u8, out: &mut dyn Context) {
-        // If TA is enabled for this condition, the trip replaces the error: "There is no error generation
-        // when enabling trip" (MC 5-71).
-        if !self.trips_on_status(condition) {
-            self.fail(at, error, out);
-        }
-        self.trip_on_status(at, condition, out);
+    /// Returns true if the bridge is on.
+    pub(in crate::mdrive) fn has_bridge(&self, registers: &Registers) -> bool {
+        self.needs_bridge(registers).is_ok()
     }
 }

@@ -16,10 +16,10 @@ use self::line::Console;
 pub(in crate::mdrive) use self::line::{Consoles, MAX_CONNECTIONS};
 use super::super::MCODE;
 use super::super::drive::Drive;
-use super::super::error::Error;
+use super::super::error::{Error, Errors};
 use super::super::reasons::{Why, report};
 use super::super::registers::Reg;
-use super::super::startup::SIGN_ON;
+use super::super::variables::Registers;
 use super::parse::begins_number;
 use super::print::CR_LF;
 use super::serial::{ACK, NAK, Party, PartyAddress, is_checked};
@@ -45,14 +45,6 @@ mod echo {
 }
 
 impl Drive {
-    /// Opens a connection; a fifth one is closed (MDRIVE-8).
-    pub(in crate::mdrive) fn console_opened(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        self.mcode.consoles.close(link);
-        if self.mcode.consoles.open(link).is_err() {
-            out.put(at, Output::Close { port: MCODE, link });
-        }
-    }
-
     pub(in crate::mdrive) fn console_closed(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         self.mcode.consoles.close(link);
         self.process_waiting(at, out);
@@ -104,32 +96,19 @@ impl Drive {
         }
     }
 
-    /// Sends text to every connection, such as PR of a program. Without a connection the text is lost.
-    pub(in crate::mdrive) fn send_to_all(&mut self, at: Instant, text: &[u8], out: &mut dyn Context) {
-        for console in &self.mcode.consoles.list {
-            send(at, console.link, text, out);
-        }
-    }
-
     /// Sends the drive's name to every connection, because a move that announces its end has ended (MC 5-45).
     pub(in crate::mdrive) fn send_name(&mut self, at: Instant, out: &mut dyn Context) {
         let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
-        self.send_to_all(at, &[name, b'\r', b'\n'], out);
-    }
-
-    /// Sends the sign-on and a prompt to every connection.
-    pub(in crate::mdrive) fn greet(&mut self, at: Instant, out: &mut dyn Context) {
-        self.send_to_all(at, SIGN_ON, out);
-        self.send_to_all(at, self.prompt(), out);
+        self.mcode.consoles.send_to_all(at, &[name, b'\r', b'\n'], out);
     }
 
     fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
-        let party = self.is_party();
-        if party && !self.is_for_me(at, link, character, out) {
+        let party = self.bank.is_party();
+        if party && !self.mcode.consoles.is_for_me(at, link, character, &self.bank, out) {
             return;
         }
-        let echoes = self.echo_mode() == echo::FULL;
-        let (steps, escape) = (self.mcode.vm.is_stepping(), self.escape());
+        let echoes = self.bank.echo_mode() == echo::FULL;
+        let (steps, escape) = (self.mcode.vm.is_stepping(), self.bank.escape());
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let returned = mem::replace(&mut console.returned, character == b'\r');
         let is_blank = console.line.trim_ascii().is_empty() && !console.refused;
@@ -146,7 +125,7 @@ impl Drive {
                 note_key(at, character, out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
-                self.answer(at, link, if is_open { CR_LF } else { b"" }, out);
+                self.mcode.consoles.answer(at, link, if is_open { CR_LF } else { b"" }, &self.bank, out);
                 self.restart(at, out);
             }
             _ if character == escape => {
@@ -160,50 +139,18 @@ impl Drive {
             b' ' if steps && is_blank => self.mcode.vm.step(at, true),
             BACKSPACE | DELETE => {
                 let taken = console.line.pop().is_some();
-                self.answer(at, link, if taken && echoes { b"\x08 \x08" } else { b"" }, out);
+                let erasure: &[u8] = if taken && echoes { b"\x08 \x08" } else { b"" };
+                self.mcode.consoles.answer(at, link, erasure, &self.bank, out);
             }
             b'\t' | b' '.. if !console.refused => {
                 if console.line.push(character).is_err() {
                     self.refuse_line(at, link, out);
                 } else if echoes {
-                    self.answer(at, link, &[character], out);
+                    self.mcode.consoles.answer(at, link, &[character], &self.bank, out);
                 }
             }
             // Ignored: the rest of a line that was too long, or a key that the drive does not have.
             _ => {}
-        }
-    }
-
-    /// Returns true if, in party mode, a character belongs to a line for this drive. A name before a line
-    /// does not belong to it. Some keys are for all drives (MC 5-11, 5-23).
-    fn is_for_me(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) -> bool {
-        let active = self.mcode.consoles.party == Party::Active;
-        let address_state =
-            self.mcode.consoles.find(link).map_or(PartyAddress::Others, |console| console.address_state);
-        match (address_state, character) {
-            (PartyAddress::Me(_) | PartyAddress::All, _) => true,
-            (_, CTRL_C) => self.bank.word(Reg::CE) == 1,
-            (_, ESCAPE | CTRL_E) => self.bank.word(Reg::ES) <= 1,
-            (_, b'\n') => {
-                self.mcode.consoles.party = Party::Active;
-                self.call(link, PartyAddress::Next);
-                false
-            }
-            (PartyAddress::Next, name) if active => {
-                self.call(link, self.addressee(name));
-                // Table 7.2 shows no echo of the name, but hardware sends it (MDRIVE-40).
-                if self.echo_mode() == echo::FULL {
-                    self.answer(at, link, &[name], out);
-                }
-                false
-            }
-            (PartyAddress::Plain | PartyAddress::Next | PartyAddress::Others, _) => false,
-        }
-    }
-
-    fn call(&mut self, link: Link, address_state: PartyAddress) {
-        if let Some(console) = self.mcode.consoles.find(link) {
-            console.address_state = address_state;
         }
     }
 
@@ -228,23 +175,23 @@ impl Drive {
         let stores = console.programming.is_some();
         // Hardware sends no CR LF before printed text while a program runs; table 7.1 makes no such
         // difference (MDRIVE-39).
-        let is_half = self.echo_mode() == echo::HALF;
+        let is_half = self.bank.echo_mode() == echo::HALF;
         let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
         if !prints_alone {
-            self.end_echo(at, link, &line, out);
+            self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
         }
-        let sums = self.check_sums();
+        let sums = self.bank.check_sums();
         let spoiled = sums != 0 && !is_checked(name, &line);
         if sums != 0 {
             line.pop();
         }
         let outcome = if spoiled { Ok(Answer::RxError) } else { self.run_statement(at, link, &line, out) };
         if prints_alone && outcome.is_err() {
-            self.end_echo(at, link, &line, out);
+            self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
         }
         self.conclude(at, link, &line, sums, outcome, out);
         let next = self.mcode.consoles.first_called();
-        self.call(link, next);
+        self.mcode.consoles.call(link, next);
     }
 
     /// Returns true if a line prints something.
@@ -257,44 +204,16 @@ impl Drive {
         let Some(console) = self.mcode.consoles.find(link) else { return };
         let line = mem::take(&mut console.line);
         console.refused = true;
-        self.end_echo(at, link, &line, out);
-        self.conclude(at, link, &line, self.check_sums(), Err(Error::Unknown), out);
+        self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
+        self.conclude(at, link, &line, self.bank.check_sums(), Err(Error::Unknown), out);
     }
 
     /// Handles Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
     fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        let Some(console) = self.mcode.consoles.find(link) else { return };
-        *console = Console { programming: console.programming, ..Console::new(link, console.address_state) };
-        self.end_program();
-        self.motion.halt(at, out);
-        if !self.is_party() {
-            self.end_echo(at, link, b"", out);
-            return self.answer(at, link, self.prompt(), out);
-        }
-        // On hardware all drives of a party answer a key that is for all of them (MDRIVE-38).
-        let is_addressed = self.bank.word(Reg::ES) & 2 != 0;
-        let answer: &[u8] = match self.echo_mode() {
-            echo::FULL => b"#\r\n",
-            echo::NONE => b"",
-            _ => CR_LF,
-        };
-        for text in [answer, self.prompt()] {
-            if is_addressed {
-                self.answer(at, link, text, out);
-            } else {
-                send(at, link, text, out);
-            }
-        }
-    }
-
-    /// Sends the end of a line's echo. With checksums an acknowledgement is sent instead of CR LF.
-    fn end_echo(&self, at: Instant, link: Link, line: &[u8], out: &mut dyn Context) {
-        let mode = self.echo_mode();
-        if mode == echo::AFTERWARDS {
-            self.answer(at, link, line, out);
-        }
-        if mode != echo::NONE && self.check_sums() == 0 {
-            self.answer(at, link, CR_LF, out);
+        if self.mcode.consoles.drop_line(link) {
+            self.end_program();
+            self.motion.halt(at, out);
+            self.mcode.consoles.answer_abort(at, link, prompt(&self.bank, self.errors), &self.bank, out);
         }
     }
 
@@ -323,7 +242,7 @@ impl Drive {
         }
         // "The response will be the sign on message" (MC 5-26).
         let is_greeting = outcome == Ok(Answer::Greeting);
-        if sums != 0 && self.echo_mode() != echo::NONE && !is_greeting {
+        if sums != 0 && self.bank.echo_mode() != echo::NONE && !is_greeting {
             let good = outcome == Ok(Answer::Prompt);
             // "ACK is not echoed if a program is running" (MC 5-12).
             let acknowledged: &[u8] = match good {
@@ -331,10 +250,10 @@ impl Drive {
                 true => &[ACK],
                 false => &[NAK],
             };
-            self.answer(at, link, acknowledged, out);
+            self.mcode.consoles.answer(at, link, acknowledged, &self.bank, out);
         }
         if !is_greeting {
-            self.answer(at, link, self.prompt(), out);
+            self.mcode.consoles.answer(at, link, prompt(&self.bank, self.errors), &self.bank, out);
         }
     }
 
@@ -361,8 +280,8 @@ impl Drive {
                 Statement::Empty => {}
                 Statement::Program(place) => self.enter_program_mode(link, place)?,
                 _ => {
-                    self.store_line(at, address, line, &statement, out)?;
-                    self.program_from(link, Some(address + 1));
+                    self.mcode.store_line(at, address, line, &statement, out)?;
+                    self.mcode.consoles.program_from(link, Some(address + 1));
                     // These statements are usually typed, not stored in a program.
                     let is_unusual = matches!(
                         statement,
@@ -377,8 +296,12 @@ impl Drive {
             return Ok(Answer::Prompt);
         }
         match statement {
-            Statement::Print(items) => self.print_on(at, self.recipients(link), items, out)?,
-            Statement::ListProgram(place) => self.list_program(at, self.recipients(link), place, out)?,
+            Statement::Print(items) => {
+                self.print_on(at, self.mcode.consoles.recipients(link, &self.bank), items, out)?;
+            }
+            Statement::ListProgram(place) => {
+                self.list_program(at, self.mcode.consoles.recipients(link, &self.bank), place, out)?;
+            }
             Statement::Program(place) => self.enter_program_mode(link, place)?,
             Statement::Defaults => {
                 self.restore(at, out)?;
@@ -396,57 +319,155 @@ impl Drive {
     fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {
-                self.needs_unlocked()?;
-                Some(self.address(place)?)
+                self.bank.needs_unlocked()?;
+                Some(self.mcode.address(place)?)
             }
             None => None,
         };
-        self.program_from(link, address);
+        self.mcode.consoles.program_from(link, address);
         Ok(())
+    }
+}
+
+impl Consoles {
+    /// Opens a connection; a fifth one is closed (MDRIVE-8).
+    pub(in crate::mdrive) fn opened(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
+        self.close(link);
+        if self.open(link).is_err() {
+            out.put(at, Output::Close { port: MCODE, link });
+        }
+    }
+
+    /// Returns true if, in party mode, a character belongs to a line for this drive. A name before a line
+    /// does not belong to it. Some keys are for all drives (MC 5-11, 5-23).
+    fn is_for_me(
+        &mut self,
+        at: Instant,
+        link: Link,
+        character: u8,
+        registers: &Registers,
+        out: &mut dyn Context,
+    ) -> bool {
+        let active = self.party == Party::Active;
+        let address_state = self.find(link).map_or(PartyAddress::Others, |console| console.address_state);
+        match (address_state, character) {
+            (PartyAddress::Me(_) | PartyAddress::All, _) => true,
+            (_, CTRL_C) => registers.word(Reg::CE) == 1,
+            (_, ESCAPE | CTRL_E) => registers.word(Reg::ES) <= 1,
+            (_, b'\n') => {
+                self.party = Party::Active;
+                self.call(link, PartyAddress::Next);
+                false
+            }
+            (PartyAddress::Next, name) if active => {
+                self.call(link, registers.addressee(name));
+                // Table 7.2 shows no echo of the name, but hardware sends it (MDRIVE-40).
+                if registers.echo_mode() == echo::FULL {
+                    self.answer(at, link, &[name], registers, out);
+                }
+                false
+            }
+            (PartyAddress::Plain | PartyAddress::Next | PartyAddress::Others, _) => false,
+        }
+    }
+
+    fn call(&mut self, link: Link, address_state: PartyAddress) {
+        if let Some(console) = self.find(link) {
+            console.address_state = address_state;
+        }
+    }
+
+    /// Sends the end of a line's echo. With checksums an acknowledgement is sent instead of CR LF.
+    fn end_echo(&self, at: Instant, link: Link, line: &[u8], registers: &Registers, out: &mut dyn Context) {
+        let mode = registers.echo_mode();
+        if mode == echo::AFTERWARDS {
+            self.answer(at, link, line, registers, out);
+        }
+        if mode != echo::NONE && registers.check_sums() == 0 {
+            self.answer(at, link, CR_LF, registers, out);
+        }
     }
 
     /// Sets the address from which typed lines are stored; `None` ends program mode.
     fn program_from(&mut self, link: Link, address: Option<u16>) {
-        if let Some(console) = self.mcode.consoles.find(link) {
+        if let Some(console) = self.find(link) {
             console.programming = address;
         }
     }
 
     /// Sends an answer on a connection, if this drive is to answer.
-    fn answer(&self, at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
-        for link in &self.recipients(link) {
+    fn answer(&self, at: Instant, link: Link, bytes: &[u8], registers: &Registers, out: &mut dyn Context) {
+        for link in &self.recipients(link, registers) {
             send(at, *link, bytes, out);
         }
     }
 
     /// Connections that get the answer to a line: its own, or none if this drive is not to answer.
-    pub(super) fn recipients(&self, link: Link) -> Vec<Link, MAX_CONNECTIONS> {
+    pub(super) fn recipients(&self, link: Link, registers: &Registers) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
-        let console = self.mcode.consoles.list.iter().find(|console| console.link == link);
-        if console.is_some_and(|console| self.answers(console.address_state)) {
+        let console = self.list.iter().find(|console| console.link == link);
+        if console.is_some_and(|console| registers.answers(console.address_state)) {
             // The list has room for one connection.
             let _ = links.push(link);
         }
         links
     }
 
+    /// Drops what is being typed on a connection. Returns false if there is no such connection.
+    fn drop_line(&mut self, link: Link) -> bool {
+        let Some(console) = self.find(link) else { return false };
+        *console = Console { programming: console.programming, ..Console::new(link, console.address_state) };
+        true
+    }
+
+    /// Answers Esc or Ctrl-E.
+    fn answer_abort(
+        &self,
+        at: Instant,
+        link: Link,
+        prompt: &[u8],
+        registers: &Registers,
+        out: &mut dyn Context,
+    ) {
+        if !registers.is_party() {
+            self.end_echo(at, link, b"", registers, out);
+            return self.answer(at, link, prompt, registers, out);
+        }
+        // On hardware all drives of a party answer a key that is for all of them (MDRIVE-38).
+        let is_addressed = registers.word(Reg::ES) & 2 != 0;
+        let answer: &[u8] = match registers.echo_mode() {
+            echo::FULL => b"#\r\n",
+            echo::NONE => b"",
+            _ => CR_LF,
+        };
+        for text in [answer, prompt] {
+            if is_addressed {
+                self.answer(at, link, text, registers, out);
+            } else {
+                send(at, link, text, out);
+            }
+        }
+    }
+}
+
+impl Registers {
     /// Echo mode (EM): one of [`echo`].
     fn echo_mode(&self) -> u16 {
-        self.bank.word(Reg::EM)
+        self.word(Reg::EM)
     }
 
     /// Key that stops everything: ES (MC 5-23). Only in party mode can it be addressed.
     fn escape(&self) -> u8 {
-        if self.bank.word(Reg::ES) & 1 != 0 { ESCAPE } else { CTRL_E }
+        if self.word(Reg::ES) & 1 != 0 { ESCAPE } else { CTRL_E }
     }
+}
 
-    /// Prompt, which exists in EM 0 only: a question mark while there is an error (MC 9; MDRIVE-10).
-    fn prompt(&self) -> &'static [u8] {
-        match (self.echo_mode(), self.errors.is_set()) {
-            (echo::FULL, false) => b">",
-            (echo::FULL, true) => b"?",
-            _ => b"",
-        }
+/// Prompt, which exists in EM 0 only: a question mark while there is an error (MC 9; MDRIVE-10).
+pub(in crate::mdrive) fn prompt(registers: &Registers, errors: Errors) -> &'static [u8] {
+    match (registers.echo_mode(), errors.is_set()) {
+        (echo::FULL, false) => b">",
+        (echo::FULL, true) => b"?",
+        _ => b"",
     }
 }
 

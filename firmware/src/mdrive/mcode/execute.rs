@@ -6,7 +6,8 @@ use super::super::motion::Order;
 use super::super::reasons::report;
 use super::super::registers::Reg;
 use super::super::variables::{RATIO_ONE, entry};
-use super::names::Meaning;
+use super::console::prompt;
+use super::names::{Meaning, Names};
 use super::parse::Expression;
 use super::statement::{Name, Operand, Operator, Place, Statement, Step};
 use crate::device::{Context, Duration, Instant};
@@ -71,14 +72,14 @@ impl Drive {
             Statement::Branch(place, condition) => {
                 needs_line(program)?;
                 if self.holds(at, condition.as_ref())? {
-                    let address = self.find_line(*place)?;
+                    let address = self.mcode.find_line(*place)?;
                     self.mcode.vm.jump(address);
                 }
             }
             Statement::Call(place, condition) => {
                 self.needs_no_pause()?;
                 if self.holds(at, condition.as_ref())? {
-                    let address = self.find_line(*place)?;
+                    let address = self.mcode.find_line(*place)?;
                     self.mcode.vm.call(at, address, false)?;
                 }
             }
@@ -99,12 +100,12 @@ impl Drive {
             Statement::Label(_) => needs_line(program)?,
             Statement::OnError(Place::Address(0)) => self.mcode.vm.set_handler(None),
             Statement::OnError(place) => {
-                self.find_line(*place)?;
+                self.mcode.find_line(*place)?;
                 self.mcode.vm.set_handler(Some(*place));
             }
             Statement::BreakPoint(Place::Address(0), _) => self.mcode.vm.set_break_point(None, 0),
             Statement::BreakPoint(place, count) => {
-                let address = self.find_line(*place)?;
+                let address = self.mcode.find_line(*place)?;
                 let count = count.as_ref().map_or(Ok(0), |count| self.evaluate(at, count))?;
                 let count = u16::try_from(count).map_err(|_| Error::IllegalValue)?;
                 self.mcode.vm.set_break_point(Some(address), count);
@@ -138,6 +139,58 @@ impl Drive {
             }
             // The caller executes these statements, because it knows the recipients.
             Statement::Print(_) | Statement::ListProgram(_) | Statement::Program(_) => {}
+        }
+        Ok(())
+    }
+
+    /// FD: resets the variables to the factory's and deletes the program and the user variables, all of this
+    /// also in the memory. Sets counters to 0 and sends the sign-on. Settings keep their values.
+    ///
+    /// # Errors
+    /// Error 73 in motion.
+    pub(super) fn restore(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
+        if self.is_in_motion() {
+            return Err(Error::SaveInMotion);
+        }
+        self.clear_activity();
+        let serial = self.bank.get(Reg::SerialCommands);
+        self.bank.factory_reset();
+        self.bank.set(Reg::SerialCommands, serial);
+        self.mcode.names = Names::new();
+        self.apply_variables(at, out);
+        self.motion.set_steps(at, 0);
+        self.motion.set_counts(at, 0);
+        // From here until all of the memory is reset, it fails its test.
+        self.saving.begin(at, &mut self.bank, &self.mcode.names, out);
+        self.mcode.program.clear(at, 1, out);
+        self.mcode.consoles.greet(at, prompt(&self.bank, self.errors), out);
+        Ok(())
+    }
+
+    /// CP: clears all lines from a place on, and their labels. Without a place it clears all lines and LK.
+    ///
+    /// # Errors
+    /// Error 30 or 42; 44 if the program is locked; 74 in motion. Nothing has happened then.
+    fn clear_program(
+        &mut self,
+        at: Instant,
+        place: Option<Place>,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        if self.is_in_motion() {
+            return Err(Error::ClearInMotion);
+        }
+        let from = match place {
+            Some(place) => {
+                self.bank.needs_unlocked()?;
+                self.mcode.address(place)?
+            }
+            None => 1,
+        };
+        self.mcode.clear_program(at, from, out);
+        if place.is_none() {
+            self.bank.set(Reg::LK, 0);
+            self.saving.save_unlocked(at, self.bank.model(), out);
         }
         Ok(())
     }

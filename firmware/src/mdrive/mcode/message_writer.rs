@@ -25,7 +25,7 @@ impl Drive {
         items: &[u8],
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let mut writer = MessageWriter::new(at, links, self.check_sums() != 0, out);
+        let mut writer = MessageWriter::new(at, links, self.bank.check_sums() != 0, out);
         self.print(at, items, &mut writer)?;
         writer.end();
         Ok(())
@@ -42,11 +42,11 @@ impl Drive {
         place: Option<Place>,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        self.needs_unlocked()?;
-        let mut address = place.map_or(Ok(1), |place| self.address(place))?;
+        self.bank.needs_unlocked()?;
+        let mut address = place.map_or(Ok(1), |place| self.mcode.address(place))?;
         while let Some(next) = self.mcode.program.next(address) {
             let line = self.mcode.program.copy(out.memory(), next).unwrap_or_default();
-            let mut writer = MessageWriter::new(at, links.clone(), self.check_sums() != 0, out);
+            let mut writer = MessageWriter::new(at, links.clone(), self.bank.check_sums() != 0, out);
             writer.write(&line);
             writer.write(CR_LF);
             writer.end();

@@ -12,7 +12,8 @@
 //! | `print` | PR: texts and values |
 //! | `message_writer` | printed text, collected to messages |
 //! | `execute` | effects of statements |
-//! | `vm` | the program that runs |
+//! | `vm` | state of the program that runs |
+//! | `run` | effects of the program that runs: its lines, errors and calls |
 //! | `trip` | trips |
 
 pub(super) mod console;
@@ -23,6 +24,7 @@ pub(super) mod names;
 pub(super) mod parse;
 pub(super) mod print;
 pub(super) mod program;
+mod run;
 mod serial;
 pub(super) mod statement;
 pub(super) mod trip;

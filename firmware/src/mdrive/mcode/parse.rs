@@ -11,6 +11,7 @@ use self::scanner::{Kind, Scanner};
 use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
+use super::super::variables::Registers;
 use super::mnemonic::{self, Instruction, Mnemonic, SERIAL, Word};
 use super::names::{Names, unknown};
 use super::statement::{List, Name, Operand, Parameter, Place, Statement};
@@ -72,13 +73,15 @@ impl Drive {
     /// # Errors
     /// The errors of [`parse`].
     pub(in crate::mdrive) fn parse<'a>(&self, line: &'a [u8]) -> Result<Statement<'a>, Error> {
-        parse(line, self.variants(), &self.mcode.names)
+        parse(line, self.bank.variants(), &self.mcode.names)
     }
+}
 
+impl Registers {
     /// Variants whose MCode words (commands and variables) this drive knows, one bit each. The bit `SERIAL` is also set
     /// if the drive has a serial port.
     pub(in crate::mdrive) fn variants(&self) -> u8 {
-        self.model.variant() | if self.is_serial() { SERIAL } else { 0 }
+        self.model().variant() | if self.is_serial() { SERIAL } else { 0 }
     }
 }
 

@@ -88,7 +88,7 @@ impl Drive {
         let mut count = 0;
         while let Ok(Some(item)) = self.item(&mut items) {
             count += match item {
-                Item::Keyword(Keyword::AL) => mnemonic::variables(self.variants()).count() as u32,
+                Item::Keyword(Keyword::AL) => mnemonic::variables(self.bank.variants()).count() as u32,
                 Item::Keyword(Keyword::UV) => self.mcode.names.iter().count() as u32,
                 _ => 1,
             };
@@ -110,7 +110,7 @@ impl Drive {
         let end = text.iter().position(|character| !character.is_ascii_alphanumeric());
         let (word, behind) = text.split_at_checked(end.unwrap_or(text.len())).ok_or(Error::IllegalData)?;
         *rest = behind;
-        match parse::find(word, self.variants()) {
+        match parse::find(word, self.bank.variants()) {
             _ if !word.first().is_some_and(u8::is_ascii_alphabetic) => Err(Error::IllegalData),
             Some(Mnemonic::Variable(reg)) => Ok(Some(Item::Variable(reg))),
             Some(Mnemonic::List(list)) => Ok(Some(Item::List(list))),
@@ -143,13 +143,13 @@ impl Drive {
         match list {
             List::Trip(trip) => write_values(&self.mcode.trips.parameters(trip), to),
             List::Io(reg) => {
-                let values = self.set_up_of(reg).map(|value| number(value.into()));
+                let values = self.bank.set_up_of(reg).map(|value| number(value.into()));
                 write_values(values.get(..list.len()).unwrap_or(&values), to);
             }
             List::With(reg) => {
                 // MU's second value "is not saved" (MC 4.8).
-                let with = if reg == Reg::CA { self.stored(Reg::CalibrationMethod) } else { 0 };
-                write_values(&[number(self.stored(reg)), number(with)], to);
+                let with = if reg == Reg::CA { self.bank.stored(Reg::CalibrationMethod) } else { 0 };
+                write_values(&[number(self.bank.stored(reg)), number(with)], to);
             }
         }
     }
@@ -159,13 +159,13 @@ impl Drive {
             Keyword::AL => self.print_all(at, to),
             Keyword::UV => self.print_user_variables(to),
             Keyword::MD => to.write(self.mcode.vm.last_motion().map_or(b"", name_of)),
-            Keyword::PN => to.write(&self.text(PART_NUMBER)),
-            Keyword::SN => to.write(&self.text(SERIAL_NUMBER)),
+            Keyword::PN => to.write(&self.bank.text(PART_NUMBER)),
+            Keyword::SN => to.write(&self.bank.text(SERIAL_NUMBER)),
             Keyword::VR => {
-                to.write(&self.text(FIRMWARE));
-                if self.model == Model::Hybrid {
+                to.write(&self.bank.text(FIRMWARE));
+                if self.bank.model() == Model::Hybrid {
                     to.write(b", ");
-                    to.write(&self.text(HARDWARE));
+                    to.write(&self.bank.text(HARDWARE));
                 }
             }
         }
@@ -173,7 +173,7 @@ impl Drive {
 
     /// AL: all variables and flags, one line each, including MD and VR (MC 5-1). This does not clear ER.
     fn print_all(&self, at: Instant, to: &mut dyn Text) {
-        for (word, mnemonic) in mnemonic::variables(self.variants()) {
+        for (word, mnemonic) in mnemonic::variables(self.bank.variants()) {
             to.write(word.trim_ascii_end());
             to.write(b" = ");
             match mnemonic {

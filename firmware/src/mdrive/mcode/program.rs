@@ -16,12 +16,13 @@
 use drivetwin_protocol::modbus::rtu::crc;
 use heapless::Vec;
 
-use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
 use super::super::saved;
+use super::super::variables::Registers;
+use super::Mcode;
 use super::names::Meaning;
-use super::parse::without_comment;
+use super::parse::{parse, without_comment};
 use super::statement::{Place, Statement};
 use crate::device::{Context, Instant, Output};
 
@@ -285,17 +286,17 @@ impl Program {
     }
 }
 
-impl Drive {
+impl Mcode {
     /// Finds the stored lines and their labels at power-on. Returns true if the log is good (error 70 if
     /// not).
-    pub(in crate::mdrive) fn load_program(&mut self, out: &dyn Context) -> bool {
-        let good = self.mcode.program.load(out.memory());
+    pub(in crate::mdrive) fn load_program(&mut self, variants: u8, out: &dyn Context) -> bool {
+        let good = self.program.load(out.memory());
         let mut address = 1;
-        while let Some(next) = self.mcode.program.next(address) {
-            let line = self.mcode.program.line(out.memory(), next).unwrap_or_default();
-            if let Ok(Statement::Label(name)) = self.parse(line) {
+        while let Some(next) = self.program.next(address) {
+            let line = self.program.line(out.memory(), next).unwrap_or_default();
+            if let Ok(Statement::Label(name)) = parse(line, variants, &self.names) {
                 // The name exists already if a global variable with that name was saved later.
-                let _ = self.mcode.names.add(name, Meaning::Label(next));
+                let _ = self.names.add(name, Meaning::Label(next));
             }
             address = next + 1;
         }
@@ -312,11 +313,21 @@ impl Drive {
                 .ok()
                 .filter(|address| is_address(*address))
                 .ok_or(Error::IllegalAddress),
-            Place::Label(name) => match self.mcode.names.find(name) {
+            Place::Label(name) => match self.names.find(name) {
                 Some(Meaning::Label(address)) => Ok(address),
                 _ => Err(Error::UnknownLabel),
             },
         }
+    }
+
+    /// Address of a line that exists.
+    ///
+    /// # Errors
+    /// Error 30 for a name that is not a label, 42 if there is no line.
+    pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
+        let address = self.address(place)?;
+        let found = self.program.next(address) == Some(address);
+        if found { Ok(address) } else { Err(Error::IllegalAddress) }
     }
 
     /// Stores a line that was typed in program mode.
@@ -334,51 +345,30 @@ impl Drive {
     ) -> Result<(), Error> {
         let here = Meaning::Label(address);
         if let Statement::Label(name) = *statement {
-            self.mcode.names.has_room_for(name)?;
+            self.names.has_room_for(name)?;
         }
-        self.mcode.program.store(at, address, &compact(line), out)?;
-        self.mcode.names.retain(|_, meaning| meaning != here);
+        self.program.store(at, address, &compact(line), out)?;
+        self.names.retain(|_, meaning| meaning != here);
         match *statement {
-            Statement::Label(name) => self.mcode.names.add(name, here),
+            Statement::Label(name) => self.names.add(name, here),
             _ => Ok(()),
         }
     }
 
-    /// CP: clears all lines from a place on, and their labels. Without a place it clears all lines and LK.
-    ///
-    /// # Errors
-    /// Error 30 or 42; 44 if the program is locked; 74 in motion. Nothing has happened then.
-    pub(in crate::mdrive) fn clear_program(
-        &mut self,
-        at: Instant,
-        place: Option<Place>,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        if self.is_in_motion() {
-            return Err(Error::ClearInMotion);
-        }
-        let from = match place {
-            Some(place) => {
-                self.needs_unlocked()?;
-                self.address(place)?
-            }
-            None => 1,
-        };
-        self.mcode.program.clear(at, from, out);
-        self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Label(address) if address >= from));
-        if place.is_none() {
-            self.bank.set(Reg::LK, 0);
-            self.save_unlocked(at, out);
-        }
-        Ok(())
+    /// Clears all lines from an address on, and their labels.
+    pub(super) fn clear_program(&mut self, at: Instant, from: u16, out: &mut dyn Context) {
+        self.program.clear(at, from, out);
+        self.names.retain(|_, meaning| !matches!(meaning, Meaning::Label(address) if address >= from));
     }
+}
 
+impl Registers {
     /// Checks that the program may be listed and changed.
     ///
     /// # Errors
     /// Error 44: LK is 1 (MC 5-42).
     pub(super) fn needs_unlocked(&self) -> Result<(), Error> {
-        if self.bank.word(Reg::LK) == 0 { Ok(()) } else { Err(Error::Locked) }
+        if self.word(Reg::LK) == 0 { Ok(()) } else { Err(Error::Locked) }
     }
 }
 

@@ -1,8 +1,8 @@
 //! Party mode and checksums of drives with a serial port, several of which share a serial line (MC 7.1). In
 //! party mode a line begins with the name of the drive that it is for, and ends with Ctrl-J.
 
-use super::super::drive::Drive;
 use super::super::registers::Reg;
+use super::super::variables::Registers;
 
 /// "Accepted", sent instead of CR LF if there are checksums.
 pub(super) const ACK: u8 = 0x06;
@@ -49,33 +49,28 @@ impl PartyAddress {
     }
 }
 
-impl Drive {
+impl Registers {
     /// Returns true if lines begin with a name.
-    pub(super) fn is_party(&self) -> bool {
-        self.is_serial() && self.bank.word(Reg::PY) != 0
-    }
-
-    /// Begins or ends party mode, whatever has changed PY.
-    pub(in crate::mdrive) fn update_party(&mut self) {
-        self.mcode.consoles.set_party(self.is_party());
+    pub(in crate::mdrive) fn is_party(&self) -> bool {
+        self.is_serial() && self.word(Reg::PY) != 0
     }
 
     /// CK; 0 means no checksums.
     pub(super) fn check_sums(&self) -> u16 {
-        if self.is_serial() { self.bank.word(Reg::CK) } else { 0 }
+        if self.is_serial() { self.word(Reg::CK) } else { 0 }
     }
 
     /// Returns true if the drive has the commands of drives with a serial port.
     pub(super) fn is_serial(&self) -> bool {
-        self.bank.word(Reg::SerialCommands) != 0
+        self.word(Reg::SerialCommands) != 0
     }
 
     /// Addressee that a name selects.
     pub(super) fn addressee(&self, name: u8) -> PartyAddress {
         match name {
             ALL => PartyAddress::All,
-            QUEUED if self.bank.word(Reg::QD) != 0 => PartyAddress::Me(name),
-            _ if self.bank.word(Reg::DN) == u16::from(name) => PartyAddress::Me(name),
+            QUEUED if self.word(Reg::QD) != 0 => PartyAddress::Me(name),
+            _ if self.word(Reg::DN) == u16::from(name) => PartyAddress::Me(name),
             _ => PartyAddress::Others,
         }
     }
@@ -85,7 +80,7 @@ impl Drive {
     pub(super) fn answers(&self, address_state: PartyAddress) -> bool {
         match address_state {
             PartyAddress::Plain | PartyAddress::Me(_) => true,
-            PartyAddress::All => self.bank.word(Reg::DG) == 0,
+            PartyAddress::All => self.word(Reg::DG) == 0,
             PartyAddress::Next | PartyAddress::Others => false,
         }
     }

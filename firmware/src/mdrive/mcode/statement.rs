@@ -147,7 +147,7 @@ impl Trip {
 
     /// Range of the parameters that this trip has. The parameters are 0, a condition; 1, a subroutine; 2, a
     /// number of repeats.
-    pub(super) fn parameters(self) -> Range<usize> {
+    pub(in crate::mdrive) fn parameters(self) -> Range<usize> {
         match self {
             Self::Capture => 1..2,
             Self::Relative => 0..3,

@@ -4,19 +4,20 @@ use core::ops::RangeInclusive;
 
 use heapless::Vec;
 
-use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::io;
-use super::super::reasons::{Why, report};
+use super::super::motion::Motion;
+use super::super::reasons::Why;
 use super::super::registers::Reg;
+use super::super::variables::Registers;
 use super::statement::{Operand, Parameter, Place, Trip};
-use crate::device::{Context, Duration, Instant};
+use crate::device::{Duration, Instant};
 
 /// Minimum time between two trips of TR, for 20 kHz (MC 5-75). A trip that is earlier waits.
 const FASTEST: Duration = Duration::micros(50);
 
 /// Maximum number of repetitions of TR (MC 5-75).
-const MAX_REPEATS: u16 = 65_000;
+pub(in crate::mdrive) const MAX_REPEATS: u16 = 65_000;
 
 /// Types that are outputs: of I/O 1 to 4 (MC 5-64), and of I/O 13 (MC 5-67).
 const OUTPUTS: RangeInclusive<u16> = 16..=25;
@@ -27,19 +28,38 @@ const ALL: [Trip; 6] = [Trip::Input, Trip::Position, Trip::Capture, Trip::Time, 
 
 impl Trip {
     /// Bit of this trip in TE.
-    pub(super) fn bit(self) -> u8 {
+    pub(in crate::mdrive) fn bit(self) -> u8 {
         1 << self as u8
+    }
+
+    /// Returns true if the trip makes a pulse at the trip output.
+    pub(in crate::mdrive) fn pulses(self) -> bool {
+        matches!(self, Self::Position | Self::Relative)
     }
 }
 
 /// Definition of a trip: its condition and its action.
 #[derive(Clone, Copy, Debug)]
-struct Definition {
+pub(in crate::mdrive) struct Definition {
     /// Depends on the trip: an input, a position, a time in ms, a distance, or flags.
-    value: i32,
-    subroutine: Option<Place>,
+    pub(in crate::mdrive) value: i32,
+    pub(in crate::mdrive) subroutine: Option<Place>,
     /// TR: number of repetitions, 0 for no limit.
-    repeats: u16,
+    pub(in crate::mdrive) repeats: u16,
+}
+
+/// Trips that have just been made, one bit each as in TE. The drive makes their pulses and calls their subroutines.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[must_use]
+pub(in crate::mdrive) struct Made(u8);
+
+impl Made {
+    const NONE: Self = Self(0);
+
+    /// The trips, in the order of their bits.
+    pub(in crate::mdrive) fn trips(self) -> impl Iterator<Item = Trip> {
+        ALL.into_iter().filter(move |trip| self.0 & trip.bit() != 0)
+    }
 }
 
 /// All trips.
@@ -101,7 +121,7 @@ impl Trips {
     }
 
     /// Subroutine of the trip with this bit.
-    pub(super) fn subroutine(&self, bit: u8) -> Option<Place> {
+    pub(in crate::mdrive) fn subroutine(&self, bit: u8) -> Option<Place> {
         let trip = ALL.into_iter().find(|trip| trip.bit() == bit)?;
         self.definition(trip)?.subroutine
     }
@@ -125,99 +145,23 @@ impl Trips {
             Trip::Input | Trip::Capture | Trip::Hybrid => {}
         }
     }
-}
 
-impl Drive {
-    /// Defines a trip; 0 removes its definition. A trip that is enabled starts again.
-    ///
-    /// # Errors
-    /// Error 12 for a source that is not an input, 21 for another illegal value, 30 and 42 for a wrong
-    /// subroutine, 38 for a missing one; nothing has changed then.
-    pub(in crate::mdrive) fn define_trip(
+    /// Defines a trip; `None` removes its definition. A trip that is enabled starts again.
+    pub(in crate::mdrive) fn define(
         &mut self,
         at: Instant,
         trip: Trip,
-        parameters: &[Parameter],
-    ) -> Result<(), Error> {
-        let definition = self.trip_definition(at, trip, parameters)?;
-        let trips = &mut self.mcode.trips;
-        let is_on = trips.value(trip).is_some();
-        if let Some(place) = trips.definitions.get_mut(trip as usize) {
+        definition: Option<Definition>,
+        motion: &Motion,
+    ) {
+        let is_on = self.value(trip).is_some();
+        if let Some(place) = self.definitions.get_mut(trip as usize) {
             *place = definition;
         }
         match definition {
-            None => trips.switch_off(trip),
-            Some(_) if is_on => self.arm(at, trip),
+            None => self.switch_off(trip),
+            Some(_) if is_on => self.arm(at, trip, motion),
             Some(_) => {}
-        }
-        Ok(())
-    }
-
-    fn trip_definition(
-        &mut self,
-        at: Instant,
-        trip: Trip,
-        parameters: &[Parameter],
-    ) -> Result<Option<Definition>, Error> {
-        let mut all = [Parameter::Absent; 3];
-        for (place, parameter) in all.iter_mut().skip(trip.parameters().start).zip(parameters) {
-            *place = *parameter;
-        }
-        let [value, subroutine, repeats] = all;
-
-        let value = self.trip_number(at, value)?;
-        let value = match (trip, value) {
-            (Trip::Input | Trip::Time | Trip::Relative | Trip::Hybrid, Some(0)) => return Ok(None),
-            (Trip::Capture, _) => 0,
-            (Trip::Position | Trip::Relative, Some(value))
-            | (Trip::Input, Some(value @ 1..=4))
-            | (Trip::Time, Some(value @ 1..=65_535))
-            | (Trip::Hybrid, Some(value @ 1..=31)) => value,
-            (Trip::Input, Some(_)) => return Err(Error::IllegalTrip),
-            (_, Some(_)) => return Err(Error::IllegalValue),
-            (_, None) => return Err(Error::MissingSeparator),
-        };
-        let place = match subroutine {
-            Parameter::Absent => None,
-            Parameter::Label(name) => Some(Place::Label(name)),
-            Parameter::Value(operand) => Some(Place::Address(self.operand(at, operand)?)),
-        };
-        let subroutine = match (trip, place) {
-            (Trip::Capture, Some(Place::Address(0))) => return Ok(None),
-            // These trips may have no subroutine, because they make a pulse at the trip output.
-            (Trip::Position | Trip::Relative, None | Some(Place::Address(0))) => None,
-            (_, None) => return Err(Error::MissingSeparator),
-            (_, Some(place)) => self.find_line(place).map(|_| Some(place))?,
-        };
-        let repeats = self.trip_number(at, repeats)?.unwrap_or(0);
-        let repeats = u16::try_from(repeats).ok().filter(|&repeats| repeats <= MAX_REPEATS);
-        let repeats = repeats.ok_or(Error::IllegalValue)?;
-        self.judge_source(trip, value)?;
-        Ok(Some(Definition { value, subroutine, repeats }))
-    }
-
-    /// Checks that the source of a trip is an input.
-    ///
-    /// # Errors
-    /// Error 12: the source is an output.
-    fn judge_source(&self, trip: Trip, value: i32) -> Result<(), Error> {
-        let set_up = match (trip, value) {
-            (Trip::Input, 1) => Reg::S1,
-            (Trip::Input, 2) => Reg::S2,
-            (Trip::Input, 3) => Reg::S3,
-            (Trip::Input, 4) => Reg::S4,
-            (Trip::Capture, _) => Reg::S13,
-            _ => return Ok(()),
-        };
-        let [kind, ..] = self.set_up_of(set_up);
-        if OUTPUTS.contains(&kind) || kind == TRIP_OUTPUT { Err(Error::IllegalTrip) } else { Ok(()) }
-    }
-
-    fn trip_number(&mut self, at: Instant, parameter: Parameter) -> Result<Option<i32>, Error> {
-        match parameter {
-            Parameter::Absent => Ok(None),
-            Parameter::Value(operand) => self.operand(at, operand).map(Some),
-            Parameter::Label(name) => self.operand(at, Operand::User(name)).map(Some),
         }
     }
 
@@ -227,195 +171,199 @@ impl Drive {
     ///
     /// # Errors
     /// Error 12 for a source that is not an input, 21 above 63, 27 for a trip that is not defined, 39 for 2
-    /// and 16 together; nothing has changed then.
-    pub(in crate::mdrive) fn enable_trips(
+    /// and 16 together; nothing has changed then. The
+    /// inner error is the reason why other trips are enabled, too.
+    pub(in crate::mdrive) fn enable(
         &mut self,
         at: Instant,
         mask: u8,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        self.validate_trips(mask.into())?;
-        let trips = &mut self.mcode.trips;
+        registers: &Registers,
+        motion: &Motion,
+    ) -> Result<Result<(), Why>, Error> {
+        self.validate(mask.into(), registers)?;
         if mask == 0 {
-            ALL.into_iter().for_each(|trip| trips.switch_off(trip));
+            ALL.into_iter().for_each(|trip| self.switch_off(trip));
         }
-        let before = trips.enabled;
-        trips.enabled |= mask;
-        let is_exact = mask == trips.enabled;
-        report(if is_exact { Ok(()) } else { Err(Why::AddsTrips) }, at, out);
+        let before = self.enabled;
+        self.enabled |= mask;
         for trip in ALL.into_iter().filter(|trip| mask & !before & trip.bit() != 0) {
-            self.arm(at, trip);
+            self.arm(at, trip, motion);
         }
-        Ok(())
+        Ok(if mask == self.enabled { Ok(()) } else { Err(Why::AddsTrips) })
     }
 
     /// Checks that TE may have this value.
     ///
     /// # Errors
-    /// As [`Self::enable_trips`].
-    pub(in crate::mdrive) fn validate_trips(&self, mask: i32) -> Result<(), Error> {
+    /// As [`Self::enable`].
+    pub(in crate::mdrive) fn validate(&self, mask: i32, registers: &Registers) -> Result<(), Error> {
         let both = i32::from(Trip::Position.bit() | Trip::Relative.bit());
         if !(0..1 << ALL.len()).contains(&mask) {
             return Err(Error::IllegalValue);
         }
         for trip in ALL.into_iter().filter(|trip| mask & i32::from(trip.bit()) != 0) {
-            let definition = self.mcode.trips.definition(trip).ok_or(Error::TripNotDefined)?;
-            self.judge_source(trip, definition.value)?;
+            let definition = self.definition(trip).ok_or(Error::TripNotDefined)?;
+            judge_source(trip, definition.value, registers)?;
         }
-        let on = mask | i32::from(self.mcode.trips.enabled);
+        let on = mask | i32::from(self.enabled);
         if mask != 0 && on & both == both { Err(Error::TripsTogether) } else { Ok(()) }
     }
 
     /// Handles an event of the I/O that may cause a trip.
-    pub(in crate::mdrive) fn trip_on(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
+    pub(in crate::mdrive) fn on_io_event(&mut self, at: Instant, event: io::Event, motion: &Motion) -> Made {
         match event {
-            io::Event::Active(n) if self.mcode.trips.value(Trip::Input) == Some(n.into()) => {
-                self.trip(at, Trip::Input, out);
+            io::Event::Active(n) if self.value(Trip::Input) == Some(n.into()) => {
+                self.trip(at, Trip::Input, motion)
             }
-            io::Event::Capture if self.mcode.trips.value(Trip::Capture).is_some() => {
-                self.trip(at, Trip::Capture, out);
-            }
-            _ => {}
+            io::Event::Capture if self.value(Trip::Capture).is_some() => self.trip(at, Trip::Capture, motion),
+            _ => Made::NONE,
         }
     }
 
     /// Returns true if TA trips on one of these conditions of the Hybrid, given as bits of TA.
-    pub(in crate::mdrive) fn trips_on_status(&self, flags: u8) -> bool {
-        self.mcode.trips.value(Trip::Hybrid).is_some_and(|wanted| wanted & i32::from(flags) != 0)
+    pub(in crate::mdrive) fn is_on_status(&self, flags: u8) -> bool {
+        self.value(Trip::Hybrid).is_some_and(|wanted| wanted & i32::from(flags) != 0)
     }
 
     /// Trips TA if one of these conditions is selected. They have just become true and are given as bits of
     /// TA.
-    pub(in crate::mdrive) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
-        if self.trips_on_status(flags) {
-            self.trip(at, Trip::Hybrid, out);
-        }
+    pub(in crate::mdrive) fn on_status(&mut self, at: Instant, flags: u8, motion: &Motion) -> Made {
+        if self.is_on_status(flags) { self.trip(at, Trip::Hybrid, motion) } else { Made::NONE }
     }
 
     /// Trips TP if steps of the clock inputs have reached or passed its position, beginning at `from`. No
     /// plan contains these steps, so the time of TP was not predicted.
-    pub(in crate::mdrive) fn trip_on_steps(&mut self, at: Instant, from: i32, out: &mut dyn Context) {
-        let Some(position) = self.mcode.trips.value(Trip::Position) else { return };
-        let (way, made) = (position.wrapping_sub(from), self.motion.steps(at).wrapping_sub(from));
+    pub(in crate::mdrive) fn on_steps(&mut self, at: Instant, from: i32, motion: &Motion) -> Made {
+        let Some(position) = self.value(Trip::Position) else { return Made::NONE };
+        let (way, made) = (position.wrapping_sub(from), motion.steps(at).wrapping_sub(from));
         if way != 0 && way.signum() == made.signum() && way.unsigned_abs() <= made.unsigned_abs() {
-            self.trip(at, Trip::Position, out);
+            self.trip(at, Trip::Position, motion)
+        } else {
+            Made::NONE
         }
     }
 
     /// Handles a change of the plan, or a trip that is due.
-    pub(in crate::mdrive) fn check_trips(&mut self, at: Instant, out: &mut dyn Context) {
-        let trips = &self.mcode.trips;
+    pub(in crate::mdrive) fn check(&mut self, at: Instant, motion: &Motion) -> Made {
         let dues = [
-            (Trip::Position, trips.position_due),
-            (Trip::Time, trips.time_due),
-            (Trip::Relative, trips.relative_due),
+            (Trip::Position, self.position_due),
+            (Trip::Time, self.time_due),
+            (Trip::Relative, self.relative_due),
         ];
+        let mut made = Made::NONE;
         for (trip, _) in dues.into_iter().filter(|&(_, due)| due <= at) {
             // The shaft may have changed its motion since the prediction.
-            if trip != Trip::Relative || self.is_at_relative(at) {
-                self.trip(at, trip, out);
+            if trip != Trip::Relative || self.is_at_relative(at, motion) {
+                made.0 |= self.trip(at, trip, motion).0;
             }
         }
-        self.predict_position(at);
-        self.predict_relative(at);
+        self.predict_position(at, motion);
+        self.predict_relative(at, motion);
+        made
     }
 
     /// Returns true if TR depends on the encoder's count. Then everything that turns the shaft changes the
     /// time of TR.
-    pub(in crate::mdrive) fn trips_on_counts(&self) -> bool {
-        self.mcode.trips.value(Trip::Relative).is_some() && self.bank.word(Reg::EE) != 0
+    pub(in crate::mdrive) fn is_on_counts(&self, motion: &Motion) -> bool {
+        self.value(Trip::Relative).is_some() && motion.is_closed()
     }
 
     /// Arms a trip that has been enabled.
-    fn arm(&mut self, at: Instant, trip: Trip) {
-        let Some(Definition { value, repeats, .. }) = self.mcode.trips.definition(trip) else { return };
+    fn arm(&mut self, at: Instant, trip: Trip, motion: &Motion) {
+        let Some(Definition { value, repeats, .. }) = self.definition(trip) else { return };
         match trip {
-            Trip::Position => self.predict_position(at),
+            Trip::Position => self.predict_position(at, motion),
             Trip::Time => {
                 let ms = u64::try_from(value).unwrap_or(0);
-                self.mcode.trips.time_due = at + Duration::millis(ms);
+                self.time_due = at + Duration::millis(ms);
             }
             Trip::Relative => {
-                let position = self.read(at, Reg::P);
-                let trips = &mut self.mcode.trips;
-                (trips.relative_position, trips.repeats_left) = (position, repeats);
-                trips.relative_not_before = at;
-                self.aim_relative(at);
+                let position = motion.displayed_position(at);
+                (self.relative_position, self.repeats_left) = (position, repeats);
+                self.relative_not_before = at;
+                self.aim_relative(at, motion);
             }
             Trip::Input | Trip::Capture | Trip::Hybrid => {}
         }
     }
 
     /// Predicts the time of TP. TP uses motor steps even with EE = 1 (MC 5-74).
-    fn predict_position(&mut self, at: Instant) {
-        if let Some(position) = self.mcode.trips.value(Trip::Position) {
-            self.mcode.trips.position_due = self.motion.reaches_steps(at, position);
+    fn predict_position(&mut self, at: Instant, motion: &Motion) {
+        if let Some(position) = self.value(Trip::Position) {
+            self.position_due = motion.reaches_steps(at, position);
         }
     }
 
     /// Sets the next position of TR.
-    fn aim_relative(&mut self, at: Instant) {
-        if let Some(distance) = self.mcode.trips.value(Trip::Relative) {
-            let trips = &mut self.mcode.trips;
-            trips.relative_position = trips.relative_position.wrapping_add(distance);
-            self.predict_relative(at);
+    fn aim_relative(&mut self, at: Instant, motion: &Motion) {
+        if let Some(distance) = self.value(Trip::Relative) {
+            self.relative_position = self.relative_position.wrapping_add(distance);
+            self.predict_relative(at, motion);
         }
     }
 
     /// Makes a TR without a limit of repetitions skip positions that P has already passed. Trips faster than
     /// [`FASTEST`], or skipped by a write of P, are lost.
-    fn skip_missed(&mut self, at: Instant) {
-        let (position, distance) =
-            (self.read(at, Reg::P), self.mcode.trips.value(Trip::Relative).unwrap_or(0));
-        if self.is_at_relative(at) {
-            let trips = &mut self.mcode.trips;
-            let behind = position.wrapping_sub(trips.relative_position);
+    fn skip_missed(&mut self, at: Instant, motion: &Motion) {
+        let (position, distance) = (motion.displayed_position(at), self.value(Trip::Relative).unwrap_or(0));
+        if self.is_at_relative(at, motion) {
+            let behind = position.wrapping_sub(self.relative_position);
             let missed = behind.checked_div(distance).unwrap_or(0).wrapping_add(1);
-            trips.relative_position = trips.relative_position.wrapping_add(distance.wrapping_mul(missed));
-            self.predict_relative(at);
+            self.relative_position = self.relative_position.wrapping_add(distance.wrapping_mul(missed));
+            self.predict_relative(at, motion);
         }
     }
 
     /// Predicts the time of TR, which uses the unit of P (MC 5-75). It is not before [`FASTEST`] has passed;
     /// if P has passed the position by then, TR trips at that time.
-    fn predict_relative(&mut self, at: Instant) {
-        if self.mcode.trips.value(Trip::Relative).is_some() {
-            let is_there = self.is_at_relative(at);
-            let trips = &mut self.mcode.trips;
-            let due = if is_there { at } else { self.motion.reaches(at, trips.relative_position) };
-            trips.relative_due = due.max(trips.relative_not_before);
+    fn predict_relative(&mut self, at: Instant, motion: &Motion) {
+        if self.value(Trip::Relative).is_some() {
+            let is_there = self.is_at_relative(at, motion);
+            let due = if is_there { at } else { motion.reaches(at, self.relative_position) };
+            self.relative_due = due.max(self.relative_not_before);
         }
     }
 
     /// Returns true if P has reached or passed the position of TR.
-    fn is_at_relative(&self, at: Instant) -> bool {
-        let ahead = self.mcode.trips.relative_position.wrapping_sub(self.read(at, Reg::P));
-        let distance = self.mcode.trips.value(Trip::Relative).unwrap_or(0);
+    fn is_at_relative(&self, at: Instant, motion: &Motion) -> bool {
+        let ahead = self.relative_position.wrapping_sub(motion.displayed_position(at));
+        let distance = self.value(Trip::Relative).unwrap_or(0);
         ahead == 0 || (ahead < 0) == (distance > 0)
     }
 
-    /// Makes a trip: captures P, makes a pulse, and calls the subroutine.
-    fn trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Context) {
+    /// Makes a trip and captures P.
+    fn trip(&mut self, at: Instant, trip: Trip, motion: &Motion) -> Made {
         if trip != Trip::Position {
-            self.mcode.trips.captured = self.read(at, Reg::P);
+            self.captured = motion.displayed_position(at);
         }
-        if matches!(trip, Trip::Position | Trip::Relative) {
-            self.io.pulse(at, out);
-        }
-        let trips = &mut self.mcode.trips;
-        let repeats_for_ever = trips.repeats_left == 0;
-        if trip == Trip::Relative && trips.repeats_left != 1 {
-            trips.repeats_left = trips.repeats_left.saturating_sub(1);
-            trips.relative_not_before = at + FASTEST;
-            self.aim_relative(at);
+        let repeats_for_ever = self.repeats_left == 0;
+        if trip == Trip::Relative && self.repeats_left != 1 {
+            self.repeats_left = self.repeats_left.saturating_sub(1);
+            self.relative_not_before = at + FASTEST;
+            self.aim_relative(at, motion);
             if repeats_for_ever {
-                self.skip_missed(at);
+                self.skip_missed(at, motion);
             }
         } else {
-            trips.switch_off(trip);
+            self.switch_off(trip);
         }
-        if self.mcode.trips.subroutine(trip.bit()).is_some() {
-            self.call_trip(at, trip, out);
-        }
+        Made(trip.bit())
     }
+}
+
+/// Checks that the source of a trip is an input.
+///
+/// # Errors
+/// Error 12: the source is an output.
+pub(in crate::mdrive) fn judge_source(trip: Trip, value: i32, registers: &Registers) -> Result<(), Error> {
+    let set_up = match (trip, value) {
+        (Trip::Input, 1) => Reg::S1,
+        (Trip::Input, 2) => Reg::S2,
+        (Trip::Input, 3) => Reg::S3,
+        (Trip::Input, 4) => Reg::S4,
+        (Trip::Capture, _) => Reg::S13,
+        _ => return Ok(()),
+    };
+    let [kind, ..] = registers.set_up_of(set_up);
+    if OUTPUTS.contains(&kind) || kind == TRIP_OUTPUT { Err(Error::IllegalTrip) } else { Ok(()) }
 }

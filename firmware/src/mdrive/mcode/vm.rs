@@ -1,6 +1,5 @@
 //! Execution of the program, line by line, 210 µs each. With this time the program of MC 8.2 ends as printed.
 
-mod run;
 #[cfg(test)]
 mod tests;
 
@@ -8,8 +7,10 @@ use heapless::Vec;
 
 use super::super::error::Error;
 use super::super::motion::Order;
+use super::super::reasons::Why;
 use super::super::registers::Reg;
-use super::statement::{Name, Operand, Place};
+use super::statement::{Name, Operand, Place, Trip};
+use super::trip::Trips;
 use crate::device::{Duration, Instant};
 
 /// Execution time of a line, also of a label. The line takes effect at the end of this time (MDRIVE-13).
@@ -36,7 +37,7 @@ enum Phase {
 
 /// Mode of running (EX's second parameter).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Mode {
+pub(super) enum Mode {
     Run,
     /// Each line is printed.
     Trace,
@@ -63,6 +64,14 @@ struct BreakPoint {
     count: u16,
     /// Number of these passes that are left.
     left: u16,
+}
+
+/// A pending call of a subroutine.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Interrupt {
+    pub(super) place: Place,
+    /// True if this is a call of OE's handler.
+    pub(super) handles: bool,
 }
 
 /// The state of the program.
@@ -151,7 +160,7 @@ impl Vm {
     }
 
     /// Ends the wait of IV if its variable does not exist any more, according to `is_gone`.
-    fn forget_input_for(&mut self, is_gone: impl Fn(Name) -> bool) {
+    pub(super) fn forget_input_for(&mut self, is_gone: impl Fn(Name) -> bool) {
         if let Some(Operand::User(name)) = self.awaited
             && is_gone(name)
         {
@@ -179,6 +188,122 @@ impl Vm {
             Phase::Line(due) | Phase::Until(due) if !self.is_paused() => due,
             _ => Instant::NEVER,
         }
+    }
+
+    /// Mode of EX: 0, 1 (trace) or 2 (single step).
+    ///
+    /// # Errors
+    /// Error 21: there is no such mode.
+    pub(super) fn mode(&self, mode: u8) -> Result<Mode, Error> {
+        match mode {
+            0 => Ok(Mode::Run),
+            1 => Ok(Mode::Trace),
+            2 if self.break_point.is_some() => Ok(Mode::ToBreakPoint),
+            2 => Ok(Mode::Step),
+            _ => Err(Error::IllegalValue),
+        }
+    }
+
+    /// Runs the program at an address. It must have [ended](Self::end).
+    pub(super) fn start(&mut self, at: Instant, address: u16, mode: Mode) {
+        (self.address, self.mode) = (address, mode);
+        if let Some(point) = &mut self.break_point {
+            point.left = point.count;
+        }
+        self.begin(at);
+        // The first single step needs no key (MC 6.1.9).
+        if mode == Mode::Step {
+            self.phase = Phase::Line(at + LINE);
+        }
+    }
+
+    /// PS: pauses the program.
+    pub(super) fn pause(&mut self, at: Instant) {
+        self.paused = Some(at);
+    }
+
+    /// RS: resumes the program.
+    ///
+    /// # Errors
+    /// It is not paused.
+    pub(super) fn resume(&mut self, at: Instant) -> Result<(), Why> {
+        let since = self.paused.take().ok_or(Why::NotPaused)?;
+        self.shift(at.since(since));
+        Ok(())
+    }
+
+    /// Handles the deadline. Returns true if a line is to be carried out; otherwise the time of H has passed.
+    pub(super) fn timeout(&mut self, at: Instant) -> bool {
+        if let Phase::Until(_) = self.phase {
+            self.begin(at);
+            return false;
+        }
+        matches!(self.phase, Phase::Line(_))
+    }
+
+    /// Address of the line that is to be carried out.
+    pub(super) fn address(&self) -> u16 {
+        self.address
+    }
+
+    /// Begins to carry out the line at the address. Returns true if the line is to be printed.
+    pub(super) fn begin_line(&mut self, at: Instant) -> bool {
+        self.address = self.address.saturating_add(1);
+        // Phase after an executed line, unless the line sets another one.
+        self.phase = Phase::Line(at);
+        matches!(self.mode, Mode::Trace | Mode::Step)
+    }
+
+    /// Handles the end of a line: the next one begins. Returns true if a pending call comes first.
+    pub(super) fn end_line(&mut self, at: Instant) -> bool {
+        if self.is_interrupted() {
+            return true;
+        }
+        if self.phase == Phase::Line(at) {
+            self.begin(at);
+        }
+        false
+    }
+
+    /// Ends an H that waits for the end of motion, because nothing moves.
+    pub(in crate::mdrive) fn on_standstill(&mut self, at: Instant) {
+        if self.phase == Phase::Motion && !self.is_paused() {
+            self.begin(at);
+        }
+    }
+
+    /// Returns true if there is a handler of errors that does not run already.
+    pub(super) fn has_free_handler(&self) -> bool {
+        self.handler.is_some() && !self.handles()
+    }
+
+    /// Requests a call of OE's handler.
+    pub(super) fn request_handler(&mut self) {
+        self.handler_is_due = true;
+    }
+
+    /// Requests a call of a trip's subroutine.
+    pub(super) fn request_trip(&mut self, trip: Trip) {
+        self.trips_due |= trip.bit();
+    }
+
+    /// Returns true if a pending call can be made at once: no line is being executed, and the program is not
+    /// paused.
+    pub(super) fn takes_interrupt(&self) -> bool {
+        self.is_interrupted() && !self.is_paused() && !matches!(self.phase, Phase::Line(_))
+    }
+
+    /// Takes one of the pending calls: OE's handler first, then trips in the order of TE.
+    pub(super) fn next_interrupt(&mut self, trips: &Trips) -> Option<Interrupt> {
+        let handles = core::mem::take(&mut self.handler_is_due);
+        let place = if handles {
+            self.handler
+        } else {
+            let first = self.trips_due & self.trips_due.wrapping_neg();
+            self.trips_due &= !first;
+            trips.subroutine(first)
+        };
+        Some(Interrupt { place: place?, handles })
     }
 
     /// Handles a key while the program [is stepping](Self::is_stepping): it executes one line, or continues
@@ -247,7 +372,7 @@ impl Vm {
         self.phase = until.map_or(Phase::Motion, Phase::Until);
     }
 
-    fn end(&mut self) {
+    pub(super) fn end(&mut self) {
         self.phase = Phase::Idle;
         self.calls.clear();
         (self.handler_is_due, self.trips_due) = (false, 0);
@@ -273,18 +398,13 @@ impl Vm {
         breaks
     }
 
-    /// Returns true if the next line waits for the end of motion.
-    fn waits_for_motion(&self) -> bool {
-        self.phase == Phase::Motion && !self.is_paused()
-    }
-
     /// Returns true if a call is pending.
     fn is_interrupted(&self) -> bool {
         self.handler_is_due || self.trips_due != 0
     }
 
     /// Returns true while OE's handler runs. Errors of the handler do not call it again.
-    fn handles(&self) -> bool {
+    pub(super) fn handles(&self) -> bool {
         self.calls.iter().any(|call| call.handles)
     }
 

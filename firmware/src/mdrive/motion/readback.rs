@@ -41,8 +41,13 @@ impl Motion {
     }
 
     /// P: C1, or C2 with EE = 1.
-    pub(super) fn displayed_position(&self, at: Instant) -> i32 {
+    pub(in crate::mdrive) fn displayed_position(&self, at: Instant) -> i32 {
         if self.settings.closed { self.counts(at) } else { self.steps(at) }
+    }
+
+    /// Returns true if the user's units are counts (EE).
+    pub(in crate::mdrive) fn is_closed(&self) -> bool {
+        self.settings.closed
     }
 
     /// V: velocity in steps/s, or counts/s with EE = 1, rounded.

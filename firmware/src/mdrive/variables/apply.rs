@@ -1,15 +1,68 @@
 //! Effects of writing variables.
 
-use super::{TORQUE, entry, output_bit, step, user_name};
+use super::{TORQUE, output_bit, step, user_name};
 use crate::device::{Context, Instant};
-use crate::mdrive::drive::{Drive, Model, filters, motion_settings};
+use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
-use crate::mdrive::mcode::statement::{List, Operand, Parameter};
-use crate::mdrive::motion::{self, Contact, Order};
+use crate::mdrive::hybrid::{Environment, divider};
+use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
-use crate::mdrive::registers::Reg;
+use crate::mdrive::registers::{Reg, is_frequency, mcode_range};
+use crate::mdrive::settings::{filters, set_motion};
 
 impl Drive {
+    /// Writes a variable: validates, then applies it.
+    ///
+    /// # Errors
+    /// Error 21, 22, 23 or 25, or an error of the drive's state; nothing has changed then. The caller reports
+    /// the error with [`Self::fail`].
+    pub(in crate::mdrive) fn write(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        self.validate(at, reg, value, &|other| self.bank.stored(other))?;
+        self.apply(at, reg, value, out)
+    }
+
+    /// Writes a variable as MCode does: SS and TS in Hz. The drive stores the divider whose frequency is
+    /// nearest and not lower.
+    ///
+    /// # Errors
+    /// As [`Self::write`].
+    pub(in crate::mdrive) fn write_mcode(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        value: i32,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        if !is_frequency(reg) {
+            return self.write(at, reg, value, out);
+        }
+        if !mcode_range(reg).is_some_and(|range| range.contains(&i64::from(value))) {
+            return Err(Error::IllegalValue);
+        }
+        self.write(at, reg, divider(value), out)
+    }
+
+    /// Adds 1 or -1 to a variable (IC, DC); 1.000 or -1.000 to CR.
+    ///
+    /// # Errors
+    /// Error 26 for a variable that cannot be counted, or an error of [`Self::write`].
+    pub(in crate::mdrive) fn count(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        by: i32,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        let value = self.counted(at, reg, by, self.bank.stored(reg))?;
+        self.write(at, reg, value, out)
+    }
+
     /// Gives the motor a motion command: MA, MR, SL, HM or HI, from the bus or from MCode. The registers MA,
     /// MR, SL and HM keep the last value of each.
     ///
@@ -21,15 +74,13 @@ impl Drive {
         order: Order,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        if self.hybrid.is_calibrating() {
-            return Err(Error::Calibrating);
-        }
+        self.hybrid.takes_orders()?;
         if matches!(order, Order::Home(_)) && self.io.contact(Contact::Home).is_none() {
             return Err(Error::NoHomeSwitch);
         }
         report(self.motion.order(at, order, out)?, at, out);
         if order != Order::Slew(0) {
-            report(self.needs_bridge(), at, out);
+            report(self.hybrid.needs_bridge(&self.bank), at, out);
         }
         self.mcode.vm.note_order(order);
         match order {
@@ -39,78 +90,6 @@ impl Drive {
             Order::Home(kind) => self.bank.set(Reg::HM, kind.into()),
             Order::HomeToIndex(_) => {}
         }
-        Ok(())
-    }
-
-    /// Writes a variable of several values: S1 to S13, CA, MU, a trip. An omitted value after the first one
-    /// is 0.
-    ///
-    /// # Errors
-    /// Error 6, 8, 9, 11, 12, 21, 30, 38 or 39; nothing has changed then.
-    pub(in crate::mdrive) fn write_list(
-        &mut self,
-        at: Instant,
-        list: List,
-        parameters: &[Parameter],
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        match list {
-            List::Trip(trip) => self.define_trip(at, trip, parameters),
-            List::Io(reg) => {
-                let values = self.values(at, usize::from(entry(reg).shape.words()), parameters)?;
-                self.set_up(at, reg, values, out)
-            }
-            List::With(reg) => {
-                let [value, with, _] = self.values(at, 2, parameters)?;
-                if with > 1 {
-                    return Err(Error::IllegalValue);
-                }
-                self.write(at, reg, value.into(), out)?;
-                match reg {
-                    Reg::CA => self.bank.set(Reg::CalibrationMethod, with.into()),
-                    Reg::MU if with == 1 => self.clear_lag(at),
-                    _ => {}
-                }
-                Ok(())
-            }
-        }
-    }
-
-    /// Sets up an I/O point.
-    ///
-    /// # Errors
-    /// Error 6, 8, 11 or 21; nothing has changed then.
-    pub(in crate::mdrive) fn set_up(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        values: [u16; 3],
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        let [kind, second, _] = values;
-        if !self.has_type(kind) {
-            return Err(Error::IllegalType);
-        }
-        match reg {
-            Reg::S1 => self.io.set_up(at, 1, values, out),
-            Reg::S2 => self.io.set_up(at, 2, values, out),
-            Reg::S3 => self.io.set_up(at, 3, values, out),
-            Reg::S4 => self.io.set_up(at, 4, values, out),
-            Reg::S5 => self.io.set_up_analogue(at, [kind, second]),
-            Reg::S7 => self.io.set_up_clock(at, 7, [kind, second], out),
-            Reg::S8 => self.io.set_up_clock(at, 8, [kind, second], out),
-            Reg::S13 => self.io.set_up_capture(at, [kind, second], out),
-            _ => Err(Error::IllegalIo),
-        }?;
-        let words = values.iter().take(usize::from(entry(reg).shape.words()));
-        self.bank.set(reg, words.fold(0, |all, &word| all << 16 | i64::from(word)));
-        if let Reg::S7 | Reg::S8 = reg {
-            // The two points always have the same type (MC 5-66).
-            let pair = if reg == Reg::S7 { Reg::S8 } else { Reg::S7 };
-            let [_, active, _] = self.set_up_of(pair);
-            self.bank.set(pair, i64::from(kind) << 16 | i64::from(active));
-        }
-        self.set_motion(at, out);
         Ok(())
     }
 
@@ -129,7 +108,7 @@ impl Drive {
         match reg {
             Reg::C1 => self.motion.set_steps(at, value),
             Reg::C2 => self.motion.set_counts(at, value),
-            Reg::P if self.is_closed() => self.motion.set_counts(at, value),
+            Reg::P if self.bank.is_closed() => self.motion.set_counts(at, value),
             Reg::P => self.motion.set_steps(at, value),
             Reg::ER => self.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
@@ -143,7 +122,10 @@ impl Drive {
             Reg::OL | Reg::OT => self.write_outputs(at, 0xF, value, out),
             Reg::IF => self.mcode.vm.set_input_pending(value != 0),
             Reg::ST => self.motion.set_stalled(value != 0),
-            Reg::TE => return self.enable_trips(at, (value & 0xFF) as u8, out),
+            Reg::TE => {
+                let mask = (value & 0xFF) as u8;
+                report(self.mcode.trips.enable(at, mask, &self.bank, &self.motion)?, at, out);
+            }
             Reg::MA => return self.order(at, Order::To { position: value, notify_on_end, continuous }, out),
             Reg::MR => return self.order(at, Order::By { distance: value, notify_on_end, continuous }, out),
             Reg::SL => return self.order(at, Order::Slew(value), out),
@@ -162,15 +144,15 @@ impl Drive {
     /// Stores a variable's value and applies it.
     fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Context) -> Result<(), Error> {
         let calibrates = self.calibrates(reg, value);
-        let changes = value != self.stored(reg);
-        self.store(reg, value);
+        let changes = value != self.bank.stored(reg);
+        self.bank.store(reg, value);
         match reg {
             Reg::D5 | Reg::FC | Reg::FM | Reg::CW => self.set_filters(at, out),
             Reg::D1 | Reg::D2 | Reg::D3 | Reg::D4 | Reg::CM | Reg::CR => {
                 self.set_filters(at, out);
                 self.set_motion(at, out);
             }
-            Reg::DE if self.model == Model::Plus => {
+            Reg::DE if self.bank.model() == Model::Plus => {
                 self.hybrid.enable();
                 self.set_motion(at, out);
             }
@@ -186,15 +168,15 @@ impl Drive {
     /// Returns the reason if a value that has been stored has no effect now. `changes` is true if it differs
     /// from the value before.
     fn has_effect(&self, reg: Reg, changes: bool) -> Result<(), Why> {
-        let is = |value| self.stored(reg) == value;
+        let is = |value| self.bank.stored(reg) == value;
         match reg {
             Reg::A | Reg::D | Reg::VI | Reg::VM if changes => self.motion.needs_rates(reg == Reg::VM),
             Reg::HT if is(0) => Err(Why::NeverHolds),
             Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
             Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
-            Reg::DE if is(1) => self.needs_bridge(),
-            Reg::AS if i64::from(self.stored(reg)) == TORQUE => {
-                self.needs_bridge()?;
+            Reg::DE if is(1) => self.hybrid.needs_bridge(&self.bank),
+            Reg::AS if i64::from(self.bank.stored(reg)) == TORQUE => {
+                self.hybrid.needs_bridge(&self.bank)?;
                 if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
             }
             Reg::TD if changes && self.hybrid.has_torque() => Err(Why::TorqueBegan),
@@ -202,16 +184,53 @@ impl Drive {
         }
     }
 
+    /// Starts a calibration, because of CF (`clears`) or anything else. Returns false if there is nothing to
+    /// calibrate.
+    ///
+    /// # Errors
+    /// In motion 94 for CF, 89 for the others.
+    pub(in crate::mdrive) fn calibrate(
+        &mut self,
+        at: Instant,
+        clears: bool,
+        out: &mut dyn Context,
+    ) -> Result<bool, Error> {
+        let (registers, io, motion) = (&mut self.bank, &self.io, &mut self.motion);
+        self.hybrid.calibrate(&mut Environment { at, registers, io, motion, out }, clears)
+    }
+
+    /// Executes SC, or CF if `clears` is true: starts a calibration.
+    ///
+    /// # Errors
+    /// As [`Self::calibrate`].
+    pub(in crate::mdrive) fn calibrate_by_command(
+        &mut self,
+        at: Instant,
+        clears: bool,
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        let is_cleared = clears && self.hybrid.is_locked();
+        let calibrates = self.calibrate(at, clears, out)?;
+        report(if calibrates || is_cleared { Ok(()) } else { Err(Why::NothingToCalibrate) }, at, out);
+        Ok(())
+    }
+
+    /// S: begins to save.
+    ///
+    /// # Errors
+    /// Error 73 in motion.
+    pub(in crate::mdrive) fn save(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
+        if self.is_in_motion() {
+            return Err(Error::SaveInMotion);
+        }
+        self.saving.begin(at, &mut self.bank, &self.mcode.names, out);
+        Ok(())
+    }
+
     /// Passes the settings to motion.
     pub(in crate::mdrive) fn set_motion(&mut self, at: Instant, out: &mut dyn Context) {
-        let settings = motion_settings(&self.bank, Some(&self.io));
-        let enabled = settings.enabled && !self.hybrid.is_disabled();
-        let lacked_bridge = self.motion.lacks_bridge();
-        self.motion.set(at, motion::Settings { enabled, ..settings }, out);
-        if self.motion.lacks_bridge() && !lacked_bridge {
-            // "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50).
-            self.bank.set(Reg::MU, 0);
-        }
+        let is_disabled = self.hybrid.is_disabled();
+        set_motion(at, &mut self.bank, &self.io, is_disabled, &mut self.motion, out);
     }
 
     /// Passes the settings to the I/O.
@@ -230,26 +249,5 @@ impl Drive {
                 let _ = self.io.write(at, n, active & bit != 0, out);
             }
         }
-    }
-
-    /// Evaluates the values of a list, which has at most `count` of them. The first is required; others that
-    /// are omitted are 0.
-    fn values(&mut self, at: Instant, count: usize, parameters: &[Parameter]) -> Result<[u16; 3], Error> {
-        if parameters.len() > count {
-            return Err(Error::IllegalValue);
-        }
-        if matches!(parameters.first(), None | Some(Parameter::Absent)) {
-            return Err(Error::IllegalData);
-        }
-        let mut values = [0; 3];
-        for (value, &parameter) in values.iter_mut().zip(parameters) {
-            let number = match parameter {
-                Parameter::Absent => 0,
-                Parameter::Value(operand) => self.operand(at, operand)?,
-                Parameter::Label(name) => self.operand(at, Operand::User(name))?,
-            };
-            *value = u16::try_from(number).map_err(|_| Error::IllegalValue)?;
-        }
-        Ok(values)
     }
 }

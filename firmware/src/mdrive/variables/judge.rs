@@ -7,13 +7,10 @@ use super::{RATIO_ONE, entry, is_number, output_bit, step};
 use crate::device::Instant;
 use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
-use crate::mdrive::io;
 use crate::mdrive::registers::Reg;
 
-/// Maximum sum of HT and MT, in ms (MC 5-32).
-const MAX_DELAY_MS: i32 = 65_535;
 /// The value that HT does not take: it is 0 or at least 2 ms (MC 5-32).
-const NO_DELAY_MS: i32 = 1;
+pub(super) const NO_DELAY_MS: i32 = 1;
 
 impl Drive {
     /// Checks that a variable may be set to `value`. `as_is` gives the values of other variables: the present
@@ -35,80 +32,55 @@ impl Drive {
         if !self.is_present(reg) {
             return Err(Error::Unknown);
         }
-        self.validate_together(reg, value, as_is)?;
+        self.bank.validate_together(reg, value, as_is)?;
         match reg {
             _ if self.calibrates(reg, value) && self.is_in_motion() => Err(Error::CalibrationInMotion),
-            Reg::EE if value == 1 && !self.is_closed() => self.validate_closing(),
-            Reg::LK if value == 0 && self.stored(Reg::LK) == 1 => Err(Error::Locked),
+            Reg::EE if value == 1 && !self.bank.is_closed() => self.bank.validate_closing(),
+            Reg::LK if value == 0 && self.bank.stored(Reg::LK) == 1 => Err(Error::Locked),
             Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => self.validate_outputs(output_bit(reg)),
             // Higher bits are those of outputs that this drive does not have (MC 5-54).
             Reg::OL | Reg::OT => self.validate_outputs(value & 0xF),
             Reg::IC | Reg::DC => {
                 let counted = self.counted_by_address(value)?;
                 // A value that the same request writes to a later register does not apply yet.
-                let stored = if counted.row() < reg.row() { as_is(counted) } else { self.stored(counted) };
+                let stored =
+                    if counted.row() < reg.row() { as_is(counted) } else { self.bank.stored(counted) };
                 let value = self.counted(at, counted, step(reg), stored)?;
                 self.validate(at, counted, value, as_is)
             }
-            Reg::TE => self.validate_trips(value),
+            Reg::TE => self.mcode.trips.validate(value, &self.bank),
             // "Once the default character has been changed it can not be reset" (MC 5-20).
-            Reg::DN if value != self.stored(Reg::DN) && !is_name(value.into()) => Err(Error::IllegalValue),
+            Reg::DN if value != self.bank.stored(Reg::DN) && !is_name(value.into()) => {
+                Err(Error::IllegalValue)
+            }
             Reg::IF if value == 1 && self.mcode.vm.awaits_input() => Err(Error::InputPending),
             Reg::S if self.is_in_motion() => Err(Error::SaveInMotion),
             Reg::CF if self.is_in_motion() => Err(Error::ClearLockedInMotion),
             Reg::AS if self.hybrid.is_calibrating() => Err(Error::JogInClockMode),
-            Reg::MA | Reg::MR | Reg::SL | Reg::HM if self.hybrid.is_calibrating() => Err(Error::Calibrating),
+            Reg::MA | Reg::MR | Reg::SL | Reg::HM => self.hybrid.takes_orders(),
             _ => Ok(()),
         }
     }
 
-    /// Checks that a value is in its range and fits the values of other variables.
-    ///
-    /// # Errors
-    /// As [`Self::write`].
-    pub(in crate::mdrive) fn validate_together(
-        &self,
-        reg: Reg,
-        value: i32,
-        as_is: &dyn Fn(Reg) -> i32,
-    ) -> Result<(), Error> {
-        match reg {
-            // The next two checks come before the range checks: a value below VI is too low for VM, whatever
-            // else is wrong with the value.
-            Reg::VI if value >= as_is(Reg::VM) => Err(Error::InitialVelocity),
-            Reg::VM if value <= as_is(Reg::VI) => Err(Error::MaximumVelocity),
-            _ if !self.accepts(reg, value) => Err(illegal(reg)),
-            Reg::HT if value == NO_DELAY_MS || value + as_is(Reg::MT) > MAX_DELAY_MS => {
-                Err(Error::IllegalValue)
-            }
-            Reg::MT if value + as_is(Reg::HT) > MAX_DELAY_MS => Err(Error::IllegalValue),
-            Reg::MS if self.is_closed() && value != CLOSED_MICROSTEPS => Err(Error::IllegalRatio),
-            Reg::EL if self.is_closed() && !self.fits(value, CLOSED_MICROSTEPS) => Err(Error::IllegalRatio),
-            Reg::JE if value == 1 && as_is(Reg::CM) == 1 => Err(Error::JogInClockMode),
-            Reg::CM if value == 1 && as_is(Reg::JE) == 1 => Err(Error::JogInClockMode),
-            _ => Ok(()),
-        }
+    /// Returns true if anything moves. S, SC, CF, MS and similar commands are refused then.
+    pub(in crate::mdrive) fn is_in_motion(&self) -> bool {
+        self.motion.is_moving() || self.hybrid.turns()
     }
 
     /// Returns true if a write makes a Hybrid calibrate (FB 5.1, CA).
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {
-            Reg::AS => self.stored(reg) == 0 && value != 0,
+            Reg::AS => self.bank.stored(reg) == 0 && value != 0,
             // "Bridge is re-enabled after being disabled" (MC 5-9), also if heat or a locked rotor has
             // disabled it (MDRIVE-31).
-            Reg::DE => !self.has_bridge() && value != 0,
-            Reg::MS => value != self.stored(reg),
+            Reg::DE => !self.hybrid.has_bridge(&self.bank) && value != 0,
+            Reg::MS => value != self.bank.stored(reg),
             // EE = 1 changes MS to 256.
-            Reg::EE => value != 0 && self.stored(Reg::MS) != CLOSED_MICROSTEPS,
+            Reg::EE => value != 0 && self.bank.stored(Reg::MS) != CLOSED_MICROSTEPS,
             Reg::SC => true,
             _ => false,
         };
-        calibrates && self.model == Model::Hybrid
-    }
-
-    /// Returns true if the drive's model has an I/O of this type.
-    pub(super) fn has_type(&self, kind: u16) -> bool {
-        self.model == Model::Hybrid || !io::is_of_hybrid(kind)
+        calibrates && self.bank.model() == Model::Hybrid
     }
 
     /// Checks that outputs, one bit each, can be set active.
@@ -122,7 +94,7 @@ impl Drive {
 
     /// Finds the variable at the address that IC or DC receives on the bus.
     pub(in crate::mdrive) fn counted_by_address(&self, address: i32) -> Result<Reg, Error> {
-        let entries = self.model.entries();
+        let entries = self.bank.model().entries();
         let mut list = entries.list.iter();
         let row = list.position(|row| row.space == Space::Holding && i32::from(row.address) == address);
         row.and_then(Reg::from_row).filter(|&reg| self.is_present(reg)).ok_or(Error::NotCountable)

@@ -1,21 +1,25 @@
 //! Reading and writing of variables, by the bus and by MCode.
 //!
-//! All values of a write are validated first (`judge`), then applied (`apply`). EE changes units (`units`).
+//! The drive stores a value of each (`stored`). All values of a write are validated first (`judge`), then
+//! applied (`apply`, `lists`). EE changes units (`units`).
 
 mod apply;
 mod judge;
+mod lists;
+mod stored;
 mod units;
 
 use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
 
 pub(super) use self::judge::{illegal, refuses};
+pub(super) use self::stored::Registers;
 use super::drive::{Drive, Model};
 use super::error::Error;
-use super::hybrid::{divider, frequency};
+use super::hybrid::frequency;
 use super::mcode::names::Meaning;
 use super::mcode::statement::{Name, Operand};
-use super::registers::{Reg, is_frequency, mcode_range};
-use crate::device::{Context, Instant};
+use super::registers::{Reg, is_frequency};
+use crate::device::Instant;
 
 /// Stored value of CR for a ratio of 1.
 pub(super) const RATIO_ONE: i32 = 1_000;
@@ -29,8 +33,7 @@ impl Drive {
         match reg {
             Reg::C1 => self.motion.steps(at),
             Reg::C2 => self.motion.counts(at),
-            Reg::P if self.is_closed() => self.motion.counts(at),
-            Reg::P => self.motion.steps(at),
+            Reg::P => self.motion.displayed_position(at),
             Reg::EF => self.errors.is_set().into(),
             Reg::ER => self.errors.number().into(),
             Reg::I1 | Reg::O1 => self.io.is_active(1).into(),
@@ -48,12 +51,12 @@ impl Drive {
             Reg::ST => self.motion.has_stalled().into(),
             Reg::TE => self.mcode.trips.enabled().into(),
             // In torque mode V is 0 (FB 5, V).
-            Reg::V if self.model == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
+            Reg::V if self.bank.model() == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
             Reg::V => self.motion.velocity(at),
             Reg::VC => self.motion.is_changing(at).into(),
             // The register has one byte (FB 5.1).
-            Reg::AF => (self.hybrid_status(at) & 0xFF).into(),
-            Reg::LL => self.lag(at),
+            Reg::AF => (self.hybrid.status(at, &self.bank, &self.motion) & 0xFF).into(),
+            Reg::LL => self.hybrid.lag(at, &self.bank, &self.motion),
             Reg::LR => self.hybrid.is_locked().into(),
             Reg::IT => self.hybrid.temperature(at),
             Reg::BY => self.mcode.vm.is_running().into(),
@@ -61,7 +64,7 @@ impl Drive {
             Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
             _ => match user_name(reg) {
                 Some(name) => self.user_variable(name).unwrap_or(0),
-                None => self.stored(reg),
+                None => self.bank.stored(reg),
             },
         }
     }
@@ -69,7 +72,7 @@ impl Drive {
     /// Present value of a variable as MCode reads it: SS and TS in Hz, AF with all its bits.
     pub(super) fn read_mcode(&self, at: Instant, reg: Reg) -> i32 {
         match reg {
-            Reg::AF => self.hybrid_status(at).into(),
+            Reg::AF => self.hybrid.status(at, &self.bank, &self.motion).into(),
             _ if is_frequency(reg) => frequency(self.read(at, reg)),
             _ => self.read(at, reg),
         }
@@ -90,7 +93,7 @@ impl Drive {
         match operand {
             Operand::Number(number) => Ok(number),
             Operand::Ratio(thousandths) => Ok(thousandths / RATIO_ONE),
-            Operand::Variable(Reg::CR) => Ok(self.stored(Reg::CR) / RATIO_ONE),
+            Operand::Variable(Reg::CR) => Ok(self.bank.stored(Reg::CR) / RATIO_ONE),
             Operand::Variable(reg) => {
                 let value = self.read_mcode(at, reg);
                 self.has_read(reg);
@@ -107,81 +110,14 @@ impl Drive {
     pub(super) fn thousandths(&mut self, at: Instant, operand: Operand) -> Result<i64, Error> {
         match operand {
             Operand::Ratio(thousandths) => Ok(thousandths.into()),
-            Operand::Variable(Reg::CR) => Ok(self.stored(Reg::CR).into()),
+            Operand::Variable(Reg::CR) => Ok(self.bank.stored(Reg::CR).into()),
             whole => self.operand(at, whole).map(|value| i64::from(value) * i64::from(RATIO_ONE)),
         }
     }
 
     /// Returns true if a row is present: the model has it, and a user variable is declared.
     pub(super) fn is_present(&self, reg: Reg) -> bool {
-        self.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
-    }
-
-    /// Writes a variable: validates, then applies it.
-    ///
-    /// # Errors
-    /// Error 21, 22, 23 or 25, or an error of the drive's state; nothing has changed then. The caller reports
-    /// the error with [`Self::fail`].
-    pub(super) fn write(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        value: i32,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        self.validate(at, reg, value, &|other| self.stored(other))?;
-        self.apply(at, reg, value, out)
-    }
-
-    /// Writes a variable as MCode does: SS and TS in Hz. The drive stores the divider whose frequency is
-    /// nearest and not lower.
-    ///
-    /// # Errors
-    /// As [`Self::write`].
-    pub(super) fn write_mcode(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        value: i32,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        if !is_frequency(reg) {
-            return self.write(at, reg, value, out);
-        }
-        if !mcode_range(reg).is_some_and(|range| range.contains(&i64::from(value))) {
-            return Err(Error::IllegalValue);
-        }
-        self.write(at, reg, divider(value), out)
-    }
-
-    /// Adds 1 or -1 to a variable (IC, DC); 1.000 or -1.000 to CR.
-    ///
-    /// # Errors
-    /// Error 26 for a variable that cannot be counted, or an error of [`Self::write`].
-    pub(super) fn count(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        by: i32,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        let value = self.counted(at, reg, by, self.stored(reg))?;
-        self.write(at, reg, value, out)
-    }
-
-    /// Stored values of a set-up. Unused values at the end are 0.
-    pub(super) fn set_up_of(&self, reg: Reg) -> [u16; 3] {
-        words(reg, self.bank.get(reg))
-    }
-
-    /// Last written value of a variable.
-    pub(super) fn stored(&self, reg: Reg) -> i32 {
-        i32::try_from(self.bank.get(reg)).unwrap_or(i32::MAX)
-    }
-
-    /// Returns true if this drive's model has a row.
-    pub(super) fn has(&self, reg: Reg) -> bool {
-        entry(reg).variants & self.model.variant() != 0
+        self.bank.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
     }
 
     /// Returns true if there is a user variable of that name.

@@ -2,10 +2,10 @@
 
 use drivetwin_protocol::registers::Legal;
 
-use super::entry;
-use crate::mdrive::drive::{Drive, motion_settings};
+use super::{Registers, entry};
 use crate::mdrive::error::Error;
 use crate::mdrive::registers::{Reg, mcode_accepts};
+use crate::mdrive::settings::motion_settings;
 
 /// Maximum of A and D in counts/s² (MC 5-1, 5-16).
 const MAX_COUNTS_PER_S2: i32 = 61_035_160;
@@ -14,7 +14,7 @@ const MAX_COUNTS_PER_S: i32 = 200_000;
 /// Value of MS while EE is 1 (MC 7-16).
 pub(super) const CLOSED_MICROSTEPS: i32 = 256;
 
-impl Drive {
+impl Registers {
     /// Stores a value in the bank. A change of EE converts A, D, VI and VM to their new units; EE = 1 also
     /// sets MS to 256 (MC 7-16).
     pub(in crate::mdrive) fn store(&mut self, reg: Reg, value: i32) {
@@ -22,18 +22,13 @@ impl Drive {
         if reg == Reg::EE && closes != self.is_closed() {
             for scaled in SCALED {
                 let value = self.scaled(scaled, closes);
-                self.bank.set(scaled, value);
+                self.set(scaled, value);
             }
             if closes {
-                self.bank.set(Reg::MS, CLOSED_MICROSTEPS.into());
+                self.set(Reg::MS, CLOSED_MICROSTEPS.into());
             }
         }
-        self.bank.set(reg, value.into());
-    }
-
-    /// True if EE is 1.
-    pub(in crate::mdrive) fn is_closed(&self) -> bool {
-        self.bank.word(Reg::EE) != 0
+        self.set(reg, value.into());
     }
 
     /// Returns true if a write of this value is in its range; with EE = 1 in the range for counts.
@@ -84,7 +79,7 @@ impl Drive {
 
     /// Converts A, D, VI or VM to counts, or to steps, within the limits of that unit.
     fn scaled(&self, reg: Reg, to_counts: bool) -> i64 {
-        let (scale, value) = (motion_settings(&self.bank, None).closed_scale(), self.bank.get(reg));
+        let (scale, value) = (motion_settings(self, None).closed_scale(), self.get(reg));
         let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
         match entry(reg).legal {
             _ if to_counts => value.min(max_counts(reg).into()),

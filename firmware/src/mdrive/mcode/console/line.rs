@@ -2,9 +2,11 @@
 
 use heapless::{Deque, Vec};
 
-use crate::device::{Duration, Instant, Link};
+use super::send;
+use crate::device::{Context, Duration, Instant, Link};
 use crate::mdrive::mcode::program::LINE_BYTES;
 use crate::mdrive::mcode::serial::{Party, PartyAddress};
+use crate::mdrive::startup::SIGN_ON;
 
 /// Maximum number of connections.
 pub(in crate::mdrive) const MAX_CONNECTIONS: usize = 4;
@@ -111,6 +113,19 @@ impl Consoles {
             let _ = links.push(console.link);
         }
         links
+    }
+
+    /// Sends text to every connection, such as PR of a program. Without a connection the text is lost.
+    pub(in crate::mdrive) fn send_to_all(&self, at: Instant, text: &[u8], out: &mut dyn Context) {
+        for console in &self.list {
+            send(at, console.link, text, out);
+        }
+    }
+
+    /// Sends the sign-on and a prompt to every connection.
+    pub(in crate::mdrive) fn greet(&self, at: Instant, prompt: &[u8], out: &mut dyn Context) {
+        self.send_to_all(at, SIGN_ON, out);
+        self.send_to_all(at, prompt, out);
     }
 
     pub(super) fn find(&mut self, link: Link) -> Option<&mut Console> {

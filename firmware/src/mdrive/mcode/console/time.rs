@@ -20,7 +20,7 @@ const ITEM: Duration = Duration::millis(1);
 impl Drive {
     /// Time from the end of a typed line to its effect.
     pub(super) fn execution_time(&self, line: &[u8], programming: bool) -> Duration {
-        let line = match (self.check_sums(), line.split_last()) {
+        let line = match (self.bank.check_sums(), line.split_last()) {
             (1.., Some((_, line))) => line,
             _ => line,
         };

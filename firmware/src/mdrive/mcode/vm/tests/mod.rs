@@ -85,7 +85,7 @@ impl Dut {
             let Fixture { drive: Mdrive { drive, .. }, out, now } = &mut self.fixture;
             let line = line.as_bytes();
             let statement = drive.parse(line).unwrap();
-            drive.store_line(*now, address, line, &statement, out).unwrap();
+            drive.mcode.store_line(*now, address, line, &statement, out).unwrap();
         }
     }
 

@@ -2,26 +2,18 @@
 
 use heapless::Vec;
 
-use super::{LINE, Mode, Phase};
+use super::Mcode;
+use super::vm::{Interrupt, Vm};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::Drive;
-use crate::mdrive::error::Error;
+use crate::mdrive::error::{Error, Errors};
 use crate::mdrive::mcode::names::Meaning;
 use crate::mdrive::mcode::program::LINE_BYTES;
 use crate::mdrive::mcode::statement::{Place, Statement, Trip};
+use crate::mdrive::mcode::trip::Trips;
 use crate::mdrive::reasons::Why;
 
 impl Drive {
-    /// Address of a line that exists.
-    ///
-    /// # Errors
-    /// Error 30 for a name that is not a label, 42 if there is no line.
-    pub(in crate::mdrive) fn find_line(&self, place: Place) -> Result<u16, Error> {
-        let address = self.address(place)?;
-        let found = self.mcode.program.next(address) == Some(address);
-        if found { Ok(address) } else { Err(Error::IllegalAddress) }
-    }
-
     /// EX: runs the program at a place, in mode 0, 1 (trace) or 2 (single step). A program that runs already
     /// ends.
     ///
@@ -33,26 +25,10 @@ impl Drive {
         place: Place,
         mode: u8,
     ) -> Result<(), Error> {
-        let address = self.find_line(place)?;
-        let vm = &mut self.mcode.vm;
-        let mode = match mode {
-            0 => Mode::Run,
-            1 => Mode::Trace,
-            2 if vm.break_point.is_some() => Mode::ToBreakPoint,
-            2 => Mode::Step,
-            _ => return Err(Error::IllegalValue),
-        };
+        let address = self.mcode.find_line(place)?;
+        let mode = self.mcode.vm.mode(mode)?;
         self.end_program();
-        let vm = &mut self.mcode.vm;
-        (vm.address, vm.mode) = (address, mode);
-        if let Some(point) = &mut vm.break_point {
-            point.left = point.count;
-        }
-        vm.begin(at);
-        // The first single step needs no key (MC 6.1.9).
-        if mode == Mode::Step {
-            vm.phase = Phase::Line(at + LINE);
-        }
+        self.mcode.vm.start(at, address, mode);
         // EF "is automatically cleared when a new program is executed", local variables are "erased and
         // declared again each time" (MC 5-21, 3.2.2).
         self.errors.clear();
@@ -88,7 +64,7 @@ impl Drive {
         if vm.is_paused() || !vm.is_running() && !self.motion.is_moving() {
             return Err(Why::NothingRuns);
         }
-        vm.paused = Some(at);
+        vm.pause(at);
         self.motion.pause(at, out);
         Ok(())
     }
@@ -102,65 +78,63 @@ impl Drive {
         at: Instant,
         out: &mut dyn Context,
     ) -> Result<(), Why> {
-        let since = self.mcode.vm.paused.take().ok_or(Why::NotPaused)?;
-        self.mcode.vm.shift(at.since(since));
+        self.mcode.vm.resume(at)?;
         self.motion.resume(at, out);
         self.interrupt_program(at, out);
         Ok(())
     }
 
+    /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
+    pub(in crate::mdrive) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
+        self.errors.set(error);
+        self.call_error_handler(at, out);
+    }
+
+    /// Ends all activity: clears errors, ends the program that runs, and removes all trips.
+    pub(in crate::mdrive) fn clear_activity(&mut self) {
+        self.errors = Errors::NONE;
+        self.end_program();
+        self.mcode.vm = Vm::new();
+        self.mcode.trips = Trips::NONE;
+    }
+
     /// Calls the handler of OE after an error, if there is one. Without a program the handler is called, too,
     /// but not while a program is being typed (MC 5-52).
-    pub(in crate::mdrive) fn call_error_handler(&mut self, at: Instant, out: &mut dyn Context) {
+    fn call_error_handler(&mut self, at: Instant, out: &mut dyn Context) {
         if self.calls_error_handler() {
-            self.mcode.vm.handler_is_due = true;
+            self.mcode.vm.request_handler();
             self.interrupt_program(at, out);
         }
     }
 
     fn calls_error_handler(&self) -> bool {
-        let vm = &self.mcode.vm;
-        vm.handler.is_some() && !vm.handles() && !self.mcode.consoles.is_programming()
+        self.mcode.vm.has_free_handler() && !self.mcode.consoles.is_programming()
     }
 
     /// Calls the subroutine of a trip.
     pub(in crate::mdrive) fn call_trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Context) {
-        self.mcode.vm.trips_due |= trip.bit();
+        self.mcode.vm.request_trip(trip);
         self.interrupt_program(at, out);
     }
 
     /// Handles the deadline of the program: a line has been executed, or the time of H has passed.
     pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        match self.mcode.vm.phase {
-            Phase::Until(_) => self.mcode.vm.begin(at),
-            Phase::Line(_) => self.carry_out_line(at, out),
-            Phase::Idle | Phase::Motion | Phase::Key => {}
-        }
-    }
-
-    /// Ends an H that waits for the end of motion, once motion has ended.
-    pub(in crate::mdrive) fn check_standstill(&mut self, at: Instant) {
-        if self.mcode.vm.waits_for_motion() && !self.motion.is_moving() {
-            self.mcode.vm.begin(at);
+        if self.mcode.vm.timeout(at) {
+            self.carry_out_line(at, out);
         }
     }
 
     fn carry_out_line(&mut self, at: Instant, out: &mut dyn Context) {
-        let address = self.mcode.vm.address;
         let mut line = Vec::<u8, LINE_BYTES>::new();
-        match self.mcode.program.line(out.memory(), address) {
+        match self.mcode.program.line(out.memory(), self.mcode.vm.address()) {
             // No stored line is longer than the buffer.
             Some(text) => line.extend_from_slice(text).unwrap_or_default(),
             // There are no more lines: a program without E ends here, as in MC 7.2.5.
             None => return self.end_program(),
         }
-        let vm = &mut self.mcode.vm;
-        vm.address = address.saturating_add(1);
-        // Phase after an executed line, unless the line sets another one.
-        vm.phase = Phase::Line(at);
-        if matches!(vm.mode, Mode::Trace | Mode::Step) {
-            self.send_to_all(at, &line, out);
-            self.send_to_all(at, b"\r\n", out);
+        if self.mcode.vm.begin_line(at) {
+            self.mcode.consoles.send_to_all(at, &line, out);
+            self.mcode.consoles.send_to_all(at, b"\r\n", out);
         }
         let done = self.parse(&line).and_then(|statement| match statement {
             Statement::Print(items) => self.print_on(at, self.mcode.consoles.links(), items, out),
@@ -170,38 +144,26 @@ impl Drive {
         if let Err(error) = done {
             self.fail_program(at, error, out);
         }
-        let vm = &mut self.mcode.vm;
-        if vm.is_interrupted() {
+        if self.mcode.vm.end_line(at) {
             self.call_next_interrupt(at, out);
-        } else if vm.phase == Phase::Line(at) {
-            vm.begin(at);
         }
     }
 
     /// Calls a pending subroutine at once, unless a line is being executed or the program is paused.
     fn interrupt_program(&mut self, at: Instant, out: &mut dyn Context) {
-        let vm = &self.mcode.vm;
-        if vm.is_interrupted() && !vm.is_paused() && !matches!(vm.phase, Phase::Line(_)) {
+        if self.mcode.vm.takes_interrupt() {
             self.call_next_interrupt(at, out);
         }
     }
 
     /// Calls one of the pending subroutines: OE's handler first, then trips in the order of TE.
     fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Context) {
-        let vm = &mut self.mcode.vm;
-        let handles = core::mem::take(&mut vm.handler_is_due);
-        let place = if handles {
-            vm.handler
-        } else {
-            let first = vm.trips_due & vm.trips_due.wrapping_neg();
-            vm.trips_due &= !first;
-            self.mcode.trips.subroutine(first)
-        };
-        let Some(place) = place else { return };
-        let found = self.find_line(place);
+        let Mcode { vm, trips, .. } = &mut self.mcode;
+        let Some(Interrupt { place, handles }) = vm.next_interrupt(trips) else { return };
+        let found = self.mcode.find_line(place);
         if handles && found.is_err() {
             // The handler does not exist any more. If it stayed set, the error of this call would call it.
-            self.mcode.vm.handler = None;
+            self.mcode.vm.set_handler(None);
         }
         let address_state = found.and_then(|address| self.mcode.vm.call(at, address, handles));
         if let Err(error) = address_state {
