@@ -9,6 +9,7 @@
 //! cargo xtask shots   write the pictures in docs/pictures
 //! cargo xtask size    measure what each drive costs on each board, and print it
 //! cargo xtask soak    run the property tests with many new cases
+//! cargo xtask structure  print how the files of each drive depend on each other
 //! cargo xtask swarm   run random benches under an oracle
 //! cargo xtask uf2     write a UF2 with an image of each kind for the Raspberry Pi Pico, and one for the Pico 2
 //! cargo xtask web     write the static site: the panel with its bench in WebAssembly
@@ -39,7 +40,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, Result};
-use xshell::Shell;
+use xshell::{Shell, cmd};
 
 const USAGE: &str = "\
 usage: cargo xtask <command>
@@ -54,6 +55,7 @@ usage: cargo xtask <command>
   shots   write the pictures of the panel and the view in docs/pictures
   size    print what each drive costs on each board; fail if one costs too much
   soak    run the property tests with so many new cases each: `soak 20000`
+  structure  print for each drive its structs, their methods, calls from file to file and cycles of files
   swarm   run random benches under an oracle: `swarm --minutes 10`, `swarm --seed 7`, `swarm --help`;
           `swarm --planted`: how soon it finds each of the defects in tests/swarm/planted
   uf2     write target/drivetwin-pico.uf2 and drivetwin-pico2.uf2, which have every kind of drive for a Raspberry Pi
@@ -61,6 +63,12 @@ usage: cargo xtask <command>
   web     write the static site, the panel with its bench in WebAssembly, to target/site; `web --out DIR`
   words   print how many doc comments begin with a question or a pronoun, by crate; `words --list`: which
 ";
+
+/// Prints the structure of each drive.
+fn structure(sh: &Shell) -> Result<()> {
+    let drives = ["md3", "qsb", "rs434", "mdrobot", "mdrive"].map(|drive| format!("firmware/src/{drive}"));
+    Ok(cmd!(sh, "python3 xtask/structure.py {drives...}").run()?)
+}
 
 fn main() -> ExitCode {
     let words: Vec<String> = std::env::args().skip(1).collect();
@@ -74,6 +82,7 @@ fn main() -> ExitCode {
         ["shots"] => shell().and_then(|sh| checks::pictures(&sh)).map(|()| true),
         ["size"] => shell().and_then(|sh| size::print(&sh)).map(|()| true),
         ["soak", cases] => shell().and_then(|sh| checks::soak(&sh, cases)).map(|()| true),
+        ["structure"] => shell().and_then(|sh| structure(&sh)).map(|()| true),
         ["swarm", "--planted", names @ ..] => {
             shell().and_then(|sh| swarm::planted(&sh, names)).map(|()| true)
         }
