@@ -250,14 +250,14 @@ impl Running {
             let asked: Vec<_> = asked.collect();
             asked.into_iter().filter_map(|(name, asked)| Some((name, asked.join().ok()??))).collect()
         });
-        self.event_loop.do_jobs();
-        for (name, at) in last {
-            match at {
-                Ok(at) => self.event_loop.bench.report_time(at),
-                Err(_) => self.event_loop.report_missing(name),
-            }
-        }
         if !self.boards.is_empty() {
+            self.event_loop.do_jobs();
+            for (name, at) in last {
+                match at {
+                    Ok(at) => self.event_loop.bench.report_time(at),
+                    Err(_) => self.event_loop.report_missing(name),
+                }
+            }
             self.event_loop.complete_recordings();
         }
         let mut failures: Vec<String> =

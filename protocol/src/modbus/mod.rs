@@ -183,6 +183,7 @@ pub enum RtuOrAscii {
 
 /// Message to send in RTU or in ASCII.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "it is sent at once, and there is no heap")]
 pub enum RtuOrAsciiMessage<'a> {
     /// In RTU.
     Rtu(&'a [u8]),
