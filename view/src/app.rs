@@ -166,8 +166,12 @@ impl App {
         let is_there = self.drive.as_ref().is_some_and(|drive| names.contains(drive));
         if self.bench.link() == &Link::Live {
             if !is_there {
-                self.drive = names.first().cloned();
+                let gone = std::mem::replace(&mut self.drive, names.first().cloned());
                 self.follow_at = None;
+                if let Some(gone) = gone {
+                    let instead = self.drive.as_ref().map(|drive| format!("; the view shows {drive}"));
+                    self.say(format!("there is no drive {gone}{}", instead.unwrap_or_default()), now);
+                }
             }
             if self.follow_at.is_none() && self.drive.as_deref() != self.bench.followed() {
                 effects.push(Effect::Ask(self.bench.follow(self.drive.clone())));

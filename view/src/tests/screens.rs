@@ -351,6 +351,7 @@ fn a_drive_that_is_gone_is_left_for_the_first() {
     );
     let wanted = format!("{:?}", view.wanted());
     assert!(wanted.contains("Follow") && wanted.contains("\"y\""), "{wanted}");
+    view.shows(80, 24, &["● live", "y    US Digital", "there is no drive x; the view shows y"]);
 }
 
 #[test]
