@@ -218,7 +218,10 @@ impl App {
     /// The time at which the view changes by itself.
     pub(crate) fn wake(&self, now: Duration) -> Option<Duration> {
         let message = self.message.as_ref().map(|(_, at)| *at + MESSAGE).filter(|end| *end > now);
-        [self.follow_at, message, self.bench.next_dark(now)].into_iter().flatten().min()
+        [self.follow_at, message, self.bench.next_dark(now), self.bench.next_silence(now)]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// Does what is due.

@@ -1,5 +1,7 @@
 //! Cells, from states typed by hand.
 
+use std::time::Duration;
+
 use ratatui::crossterm::event::KeyCode;
 use ratatui::style::{Color, Modifier};
 use serde_json::{Value, json};
@@ -195,7 +197,7 @@ fn a_changed_register_is_lit_for_a_moment() {
     let dark = view.app.wake(view.now).expect("it ends by itself");
     view.wait(dark.as_millis() as u64);
     assert_eq!(cell_of(&view.buffer(80, 24), "MoveSteps ").fg, Color::Reset);
-    assert_eq!(view.app.wake(view.now), None);
+    assert_eq!(view.app.wake(view.now), Some(Duration::from_secs(3)), "the end of a silence");
 }
 
 #[test]
@@ -319,6 +321,27 @@ fn a_lost_connection_shows_and_comes_back() {
     view.whole(state);
     view.shows(80, 24, &["● live", "1:30.000"]);
     assert!(!view.screen(80, 24).contains("ended the connection"));
+}
+
+#[test]
+fn a_server_that_hangs_is_not_live() {
+    let mut view = view();
+    view.wait(2_999);
+    view.shows(80, 24, &["● live"]);
+    for (second, words) in [(3, "✗ no answer for 3 s"), (4, "✗ no answer for 4 s")] {
+        // The view draws itself anew at this time.
+        view.now = view.app.wake(view.now).expect("a silence");
+        assert_eq!(view.now, Duration::from_secs(second));
+        view.shows(80, 24, &[words, "▶ x"]);
+    }
+    assert_eq!(cell_of(&view.buffer(80, 24), "✗ no answer").fg, Color::Red);
+    view.update(json!({"state": {"time": {"seconds": 90.0}}}));
+    view.shows(80, 24, &["● live"]);
+    // In manual time nothing happens, and nothing is said.
+    view.update(json!({"state": {"time": {"mode": "manual"}}}));
+    assert_eq!(view.app.wake(view.now), None);
+    view.wait(10_000);
+    view.shows(80, 24, &["● live"]);
 }
 
 #[test]
