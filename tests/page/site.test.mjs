@@ -67,8 +67,21 @@ onSite("a power cut in a save spoils the memory, and the master reads so", async
   await sees(page, "[data-action=power-off]", "aria-pressed", true);
   await sees(page, "[data-action=power-on]", "aria-pressed", true);
   await hurry(page);
+  // No press vanishes: the master says for how long it waits, and neither writes nor cuts the power again.
+  for (const name of ["refuse", "cut"]) await click(page, `[data-try=${name}]`);
+  await page.waitForFunction(() => document.querySelectorAll(".notice").length === 2);
+  assert.match(await textOf(page, "#notices"), /the master waits for the drive: \d+ s/);
   // 7.20: 0xF1 in the high byte is a failed check.
   await hears(page, `EEPROMControl = ${0xf100}`);
+  assert.match(await textOf(page, ".last"), /the memory is spoiled/);
+  assert.equal(await page.$$eval("[data-traffic]", rows => rows.filter(row => /UserRegister|Reserved/.test(row.textContent)).length), 1);
+});
+
+onSite("a press ends what the master was doing, and says so", async page => {
+  await click(page, "[data-try=lose]");
+  await sees(page, "[data-try=lose]", "aria-pressed", true);
+  await click(page, "[data-try=refuse]");
+  await page.waitForFunction(() => /leaves what it was doing, and begins with “Write where nobody may”/.test(document.querySelector("#notices").textContent));
 });
 
 onSite("a refused write says why", async page => {

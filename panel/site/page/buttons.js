@@ -12,7 +12,9 @@ export function buttonsCard(app, drive, restart) {
   const buttons = tries.map(entry => {
     const node = button([el("b", {}, entry.title), el("span", {}, entry.says)], { class: "try", "data-try": entry.name, "aria-pressed": entry.undo ? false : null }, async () => {
       for (const call of entry.undo && losses(entry) ? entry.undo : entry.calls) {
-        if (!(await app.act(...call(drive))).ok) return;
+        const answer = await app.act(...call(drive));
+        if (!answer.ok) return;
+        if (answer.body?.ended) app.say(`The master leaves what it was doing, and begins with “${entry.title}”.`);
       }
     });
     return { entry, node };
@@ -22,6 +24,8 @@ export function buttonsCard(app, drive, restart) {
     const said = frame.text || frame.outcome;
     const answer = frame.sent ? "sent by the drive itself" : frame.outcome;
     last.replaceChildren(el("code", {}, `${clock(frame.at)} s`), el("b", {}, said), el("span", { class: "answer" }, answer));
+    const story = tries.find(({ end }) => end && `${said} ${answer}`.includes(end.text));
+    if (story) last.append(el("span", { class: "means" }, story.end.means));
     attr(last, "data-verdict", frame.verdict);
   };
   const reset = button("Start again", { "data-action": "start-again", title: "The whole bench begins again, as it was at first" }, restart);
