@@ -42,7 +42,7 @@ fn a_small_screen() {
         "┌ 0 drives 3 ──────┐x  power on  US Digital MD3 stepper drive, 7 A",
         "│▶ x         md3   │○ D5  ● D6",
         "│○ Lüfter    mdrob…│▶ moving  position 12,345  speed −4,000/s  current 1.00 A  …",
-        "│! 東京      qsb-d │rs485 9600 8E1: 1,234 requests, 2 refused",
+        "│! 東京      qsb-d │rs485 9600 8E1: 1,234 executed, 2 refused",
         "│                  │1 plot 2 registers 3 pins 4 faults 5 traffic 6 bench",
         "│                  │┏ 1 plot 10 s ━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━┓",
         "│                  │┃━ position 12,345                                         ┃",
@@ -94,6 +94,15 @@ fn lights_levels_and_causes_have_colours_and_signs() {
     assert_eq!(cell_of(&buffer, "power on").fg, Color::Green);
     view.update(json!({"state": {"drives": {"x": {"powered": false}}}}));
     assert_eq!(cell_of(&view.buffer(140, 40), "power off").fg, Color::Red);
+}
+
+#[test]
+fn ports_count_in_the_words_of_the_page() {
+    let mut view = view();
+    view.update(
+        json!({"state": {"drive": {"ports": {"rs485": {"requests": 1, "refused": 0, "dropped": 1200}}}}}),
+    );
+    view.shows(80, 24, &["rs485 9600 8E1: 1 executed, 1,200 ignored"]);
 }
 
 #[test]
