@@ -7,6 +7,7 @@ use hyper::Method;
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
 use serde_json::{Value, json};
 
+use crate::address::Address;
 use crate::bench::{Bench, Link, Register};
 use crate::client::{Ask, Call, News, segment};
 use crate::draw::help_height;
@@ -125,13 +126,13 @@ pub(crate) struct App {
 }
 
 impl App {
-    pub(crate) fn new(address: String, has_log: bool) -> Self {
+    pub(crate) fn new(address: &Address, has_log: bool) -> Self {
         let mut rows = [Some(0); Pane::ALL.len()];
         rows[Pane::Traffic as usize] = None;
         rows[Pane::Log as usize] = None;
         Self {
             bench: Bench::new(),
-            address,
+            address: address.to_string(),
             focus: Pane::Plot,
             mode: Mode::Panes,
             plot: PlotView { paused: None, span: 3 },
@@ -140,7 +141,7 @@ impl App {
             log: has_log.then(VecDeque::new),
             last_body: Pane::Plot,
             last_bottom: Pane::Traffic,
-            drive: None,
+            drive: address.drive().map(ToOwned::to_owned),
             follow_at: None,
             rows,
             filters: Default::default(),
@@ -149,7 +150,7 @@ impl App {
         }
     }
 
-    /// Begins with the bench; its first drive is followed as soon as it is known.
+    /// Begins with the bench; the drive of the address, or else the first one, is followed as soon as it is known.
     pub(crate) fn start(&mut self) -> Effect {
         Effect::Ask(self.bench.follow(None))
     }

@@ -387,6 +387,21 @@ fn a_drive_that_is_gone_is_left_for_the_first() {
 }
 
 #[test]
+fn the_drive_of_the_address_is_followed_at_first() {
+    let of = |address| {
+        let mut view = View::connecting_to(address);
+        view.whole(bench());
+        let wanted = format!("{:?}", view.wanted());
+        assert!(wanted.contains(&format!("drive: {:?}", view.app.drive())), "{wanted}");
+        view
+    };
+    assert_eq!(of("127.0.0.1:8080/#/%E6%9D%B1%E4%BA%AC").app.drive(), Some("東京"));
+    let other = of("127.0.0.1:8080/#/y");
+    assert_eq!(other.app.drive(), Some("x"));
+    other.shows(80, 24, &["there is no drive y; the view shows x"]);
+}
+
+#[test]
 fn news_of_an_earlier_stream_mean_nothing() {
     let mut view = view();
     let number = view.number - 1;
@@ -467,7 +482,7 @@ fn the_log_of_a_run_is_a_pane() {
     let mut view = view();
     view.keys("7");
     assert!(!view.screen(80, 24).contains("7 log"));
-    view.app = App::new("http://127.0.0.1:8080".into(), true);
+    view.app = App::new(&"http://127.0.0.1:8080".parse().unwrap(), true);
     view.number = 0;
     let start = view.app.start();
     view.take(vec![start]);
