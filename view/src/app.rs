@@ -571,7 +571,7 @@ impl App {
                 let chosen = self.row(Pane::Registers, registers.len()).map(|row| &registers[row]);
                 if let Some(register) = chosen {
                     let (name, text) = (register.name.to_owned(), value_text(register.value));
-                    self.ask(Purpose::Register(name), text);
+                    self.open(Purpose::Register(name), Entry::over(text));
                 }
             }
             Action::Cause => {
@@ -631,7 +631,11 @@ impl App {
     }
 
     fn ask(&mut self, purpose: Purpose, text: impl Into<String>) {
-        self.mode = Mode::Entry { purpose, entry: Entry::new(text), sent: None, error: None };
+        self.open(purpose, Entry::new(text));
+    }
+
+    fn open(&mut self, purpose: Purpose, entry: Entry) {
+        self.mode = Mode::Entry { purpose, entry, sent: None, error: None };
     }
 
     fn call(&mut self, method: Method, path: String, body: Option<Value>) -> Effect {

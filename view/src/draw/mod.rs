@@ -164,10 +164,11 @@ fn footer(frame: &mut Frame, area: Rect, app: &App, now: Duration) {
             // The cursor stays visible in a line that is longer than the terminal.
             let room = width.saturating_sub(label.width() + 3);
             let skipped = Span::raw(before).width().saturating_sub(room);
+            let typed = if entry.is_old() { style::CHOSEN } else { style::PLAIN };
             let line = Line::from(vec![
                 label,
                 Span::raw(" "),
-                Span::raw(before.chars().skip(skipped).collect::<String>()),
+                Span::styled(before.chars().skip(skipped).collect::<String>(), typed),
                 Span::styled(under, style::CHOSEN),
                 Span::raw(chars.collect::<String>()),
             ]);
