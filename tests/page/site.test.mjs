@@ -57,9 +57,11 @@ onSite("a button moves the motor, and another one takes it home", async page => 
 onSite("a master repeats what the line loses, until the button is pressed again", async page => {
   await click(page, "[data-try=lose]");
   await sees(page, "[data-try=lose]", "aria-pressed", true);
+  assert.match(await textOf(page, "[data-try=lose]"), /until this button is pressed again/);
   await hears(page, "dropped");
   await click(page, "[data-try=lose]");
   await sees(page, "[data-try=lose]", "aria-pressed", false);
+  assert.match(await textOf(page, "[data-try=lose]"), /chance of one in three, until a second press/);
 });
 
 onSite("a power cut in a save spoils the memory, and the master reads so", async page => {
