@@ -92,6 +92,23 @@ onSite("a refused write says why", async page => {
   assert.equal(await page.$eval(".last", node => node.dataset.verdict), "refused");
 });
 
+test("a bench that cannot be loaded says so, and nothing else", { skip }, async () => {
+  const page = await browser.newPage();
+  try {
+    await page.setRequestInterception(true);
+    page.on("request", request => request.url().endsWith(".wasm") ? request.abort() : request.continue());
+    await page.goto(files.address);
+    await page.waitForFunction(() => /could not be loaded .* reload the page/.test(document.querySelector("#link").textContent));
+    // The page writes that it connects after a moment, too.
+    await page.waitForFunction(() => document.querySelector("#content > .empty") && performance.now() > 1000);
+    const content = await page.$eval("#content", node => ({ shown: node.innerText.trim(), sentence: getComputedStyle(node, "::before").content }));
+    assert.equal(content.shown, "");
+    assert.match(content.sentence, /could not be loaded .* reload the page/);
+  } finally {
+    await page.close();
+  }
+});
+
 onSite("the bench begins again", async page => {
   await hurry(page);
   await click(page, "[data-try=move]");
