@@ -57,9 +57,11 @@ onSite("a button moves the motor, and another one takes it home", async page => 
 onSite("a master repeats what the line loses, until the button is pressed again", async page => {
   await click(page, "[data-try=lose]");
   await sees(page, "[data-try=lose]", "aria-pressed", true);
+  assert.match(await textOf(page, "[data-try=lose]"), /until this button is pressed again/);
   await hears(page, "dropped");
   await click(page, "[data-try=lose]");
   await sees(page, "[data-try=lose]", "aria-pressed", false);
+  assert.match(await textOf(page, "[data-try=lose]"), /chance of one in three, until a second press/);
 });
 
 onSite("a power cut in a save spoils the memory, and the master reads so", async page => {
@@ -67,14 +69,44 @@ onSite("a power cut in a save spoils the memory, and the master reads so", async
   await sees(page, "[data-action=power-off]", "aria-pressed", true);
   await sees(page, "[data-action=power-on]", "aria-pressed", true);
   await hurry(page);
+  // No press vanishes: the master says for how long it waits, and neither writes nor cuts the power again.
+  for (const name of ["refuse", "cut"]) await click(page, `[data-try=${name}]`);
+  await page.waitForFunction(() => document.querySelectorAll(".notice").length === 2);
+  assert.match(await textOf(page, "#notices"), /the master waits for the drive: \d+ s/);
   // 7.20: 0xF1 in the high byte is a failed check.
   await hears(page, `EEPROMControl = ${0xf100}`);
+  assert.match(await textOf(page, ".last"), /the memory is spoiled/);
+  assert.equal(await page.$$eval("[data-traffic]", rows => rows.filter(row => /UserRegister|Reserved/.test(row.textContent)).length), 1);
+});
+
+onSite("a press ends what the master was doing, and says so", async page => {
+  await click(page, "[data-try=lose]");
+  await sees(page, "[data-try=lose]", "aria-pressed", true);
+  await click(page, "[data-try=refuse]");
+  await page.waitForFunction(() => /leaves what it was doing, and begins with “Write where nobody may”/.test(document.querySelector("#notices").textContent));
 });
 
 onSite("a refused write says why", async page => {
   await click(page, "[data-try=refuse]");
   await hears(page, "0x000B Reserved is read only");
   assert.equal(await page.$eval(".last", node => node.dataset.verdict), "refused");
+});
+
+test("a bench that cannot be loaded says so, and nothing else", { skip }, async () => {
+  const page = await browser.newPage();
+  try {
+    await page.setRequestInterception(true);
+    page.on("request", request => request.url().endsWith(".wasm") ? request.abort() : request.continue());
+    await page.goto(files.address);
+    await page.waitForFunction(() => /could not be loaded .* reload the page/.test(document.querySelector("#link").textContent));
+    // The page writes that it connects after a moment, too.
+    await page.waitForFunction(() => document.querySelector("#content > .empty") && performance.now() > 1000);
+    const content = await page.$eval("#content", node => ({ shown: node.innerText.trim(), sentence: getComputedStyle(node, "::before").content }));
+    assert.equal(content.shown, "");
+    assert.match(content.sentence, /could not be loaded .* reload the page/);
+  } finally {
+    await page.close();
+  }
 });
 
 onSite("the bench begins again", async page => {

@@ -3,19 +3,26 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// Address of a control API: `http://HOST:PORT`, with a path in front of `/api` if it is behind a proxy.
+/// Address of a control API: `http://HOST:PORT`, with a path in front of `/api` if it is behind a proxy, and `#/NAME` behind
+/// it for a drive, as the page has it in the bar of a browser.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub struct Address {
     /// Host and port.
     authority: String,
     /// Path in front of `/api`, without a slash at its end.
     prefix: String,
+    drive: Option<String>,
 }
 
 impl Address {
     /// Host and port, as a socket takes them and as the header `Host` has them.
     pub(crate) fn authority(&self) -> &str {
         &self.authority
+    }
+
+    /// The drive that is chosen at first.
+    pub(crate) fn drive(&self) -> Option<&str> {
+        self.drive.as_deref()
     }
 
     /// The path of a call.
@@ -44,6 +51,8 @@ impl FromStr for Address {
             Some(_) => return Err(format!("'{text}' is not an address of a control API; {example}")),
             None => (false, text),
         };
+        let (rest, route) = rest.split_once('#').unwrap_or((rest, ""));
+        let drive = route.strip_prefix('/').filter(|name| !name.is_empty()).and_then(decoded);
         let (authority, path) = rest.split_once('/').unwrap_or((rest, ""));
         let (host, port) = match authority.rsplit_once(':') {
             Some((host, port)) if !port.ends_with(']') => (host, Some(port)),
@@ -54,7 +63,7 @@ impl FromStr for Address {
             Some(inside) => inside.parse::<std::net::Ipv6Addr>().is_ok(),
             None => !host.is_empty() && host.chars().all(is_name),
         };
-        let is_plain = path.chars().all(|c| c.is_ascii_graphic() && !"?#".contains(c));
+        let is_plain = path.chars().all(|c| c.is_ascii_graphic() && c != '?');
         if !is_bare || !is_plain {
             return Err(format!("'{text}' is not an address of a control API; {example}"));
         }
@@ -67,8 +76,20 @@ impl FromStr for Address {
         };
         let prefix = path.trim_end_matches('/');
         let slash = if prefix.is_empty() { "" } else { "/" };
-        Ok(Self { authority: format!("{host}:{port}"), prefix: format!("{slash}{prefix}") })
+        Ok(Self { authority: format!("{host}:{port}"), prefix: format!("{slash}{prefix}"), drive })
     }
+}
+
+/// A segment of a path as a name; `None` if it is not one.
+fn decoded(segment: &str) -> Option<String> {
+    let mut parts = segment.split('%');
+    let mut name = parts.next()?.as_bytes().to_vec();
+    for part in parts {
+        let (digits, rest) = part.split_at_checked(2)?;
+        name.push(u8::from_str_radix(digits, 16).ok()?);
+        name.extend_from_slice(rest.as_bytes());
+    }
+    String::from_utf8(name).ok()
 }
 
 #[cfg(test)]
@@ -89,6 +110,22 @@ mod tests {
         assert_eq!(read("[::1]:80"), Ok(("http://[::1]:80".into(), "/api/live".into())));
         let behind = read("http://lab.example:9000/benches/7/");
         assert_eq!(behind, Ok(("http://lab.example:9000/benches/7".into(), "/benches/7/api/live".into())));
+    }
+
+    #[test]
+    fn addresses_of_the_bar_of_a_browser() {
+        let drive = |text: &str| {
+            let address: Address = text.parse().expect("an address");
+            (address.to_string(), address.drive)
+        };
+        let bench = || "http://127.0.0.1:8080".to_owned();
+        assert_eq!(drive("http://127.0.0.1:8080/#/md3"), (bench(), Some("md3".into())));
+        // As the browser writes `Prüfstand 1`.
+        let name = drive("127.0.0.1:8080/#/Pr%C3%BCfstand%201");
+        assert_eq!(name, (bench(), Some("Prüfstand 1".into())));
+        for text in ["/#/", "/#", "/", "/#/%", "/#/%zz", "/#/%C3", "/#md3"] {
+            assert_eq!(drive(&format!("{}{text}", bench())), (bench(), None), "{text}");
+        }
     }
 
     #[test]

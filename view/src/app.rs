@@ -7,6 +7,7 @@ use hyper::Method;
 use ratatui::crossterm::event::{KeyCode, KeyEvent};
 use serde_json::{Value, json};
 
+use crate::address::Address;
 use crate::bench::{Bench, Link, Register};
 use crate::client::{Ask, Call, News, segment};
 use crate::draw::help_height;
@@ -125,13 +126,13 @@ pub(crate) struct App {
 }
 
 impl App {
-    pub(crate) fn new(address: String, has_log: bool) -> Self {
+    pub(crate) fn new(address: &Address, has_log: bool) -> Self {
         let mut rows = [Some(0); Pane::ALL.len()];
         rows[Pane::Traffic as usize] = None;
         rows[Pane::Log as usize] = None;
         Self {
             bench: Bench::new(),
-            address,
+            address: address.to_string(),
             focus: Pane::Plot,
             mode: Mode::Panes,
             plot: PlotView { paused: None, span: 3 },
@@ -140,7 +141,7 @@ impl App {
             log: has_log.then(VecDeque::new),
             last_body: Pane::Plot,
             last_bottom: Pane::Traffic,
-            drive: None,
+            drive: address.drive().map(ToOwned::to_owned),
             follow_at: None,
             rows,
             filters: Default::default(),
@@ -149,7 +150,7 @@ impl App {
         }
     }
 
-    /// Begins with the bench; its first drive is followed as soon as it is known.
+    /// Begins with the bench; the drive of the address, or else the first one, is followed as soon as it is known.
     pub(crate) fn start(&mut self) -> Effect {
         Effect::Ask(self.bench.follow(None))
     }
@@ -166,8 +167,12 @@ impl App {
         let is_there = self.drive.as_ref().is_some_and(|drive| names.contains(drive));
         if self.bench.link() == &Link::Live {
             if !is_there {
-                self.drive = names.first().cloned();
+                let gone = std::mem::replace(&mut self.drive, names.first().cloned());
                 self.follow_at = None;
+                if let Some(gone) = gone {
+                    let instead = self.drive.as_ref().map(|drive| format!("; the view shows {drive}"));
+                    self.say(format!("there is no drive {gone}{}", instead.unwrap_or_default()), now);
+                }
             }
             if self.follow_at.is_none() && self.drive.as_deref() != self.bench.followed() {
                 effects.push(Effect::Ask(self.bench.follow(self.drive.clone())));
@@ -214,7 +219,10 @@ impl App {
     /// The time at which the view changes by itself.
     pub(crate) fn wake(&self, now: Duration) -> Option<Duration> {
         let message = self.message.as_ref().map(|(_, at)| *at + MESSAGE).filter(|end| *end > now);
-        [self.follow_at, message, self.bench.next_dark(now)].into_iter().flatten().min()
+        [self.follow_at, message, self.bench.next_dark(now), self.bench.next_silence(now)]
+            .into_iter()
+            .flatten()
+            .min()
     }
 
     /// Does what is due.
@@ -563,7 +571,7 @@ impl App {
                 let chosen = self.row(Pane::Registers, registers.len()).map(|row| &registers[row]);
                 if let Some(register) = chosen {
                     let (name, text) = (register.name.to_owned(), value_text(register.value));
-                    self.ask(Purpose::Register(name), text);
+                    self.open(Purpose::Register(name), Entry::over(text));
                 }
             }
             Action::Cause => {
@@ -623,7 +631,11 @@ impl App {
     }
 
     fn ask(&mut self, purpose: Purpose, text: impl Into<String>) {
-        self.mode = Mode::Entry { purpose, entry: Entry::new(text), sent: None, error: None };
+        self.open(purpose, Entry::new(text));
+    }
+
+    fn open(&mut self, purpose: Purpose, entry: Entry) {
+        self.mode = Mode::Entry { purpose, entry, sent: None, error: None };
     }
 
     fn call(&mut self, method: Method, path: String, body: Option<Value>) -> Effect {

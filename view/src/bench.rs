@@ -23,6 +23,9 @@ const KEPT_DRIVES: usize = 20;
 /// Time for which a changed register is lit.
 const LIT: Duration = Duration::from_millis(1_000);
 
+/// Silence after which the view says so. While the time of a bench goes on, there are four updates per second.
+const SILENCE: Duration = Duration::from_secs(3);
+
 /// The connection to the server.
 #[derive(Clone, PartialEq, Eq, Debug)]
 pub(crate) enum Link {
@@ -62,6 +65,8 @@ pub(crate) struct Bench {
     /// State of the contract of `GET /api/live`.
     state: Value,
     link: Link,
+    /// Time of the last update.
+    heard: Duration,
     /// Number of the newest request to follow; news of earlier ones mean nothing.
     number: u64,
     followed: Option<String>,
@@ -83,6 +88,7 @@ impl Bench {
         Self {
             state: Value::Null,
             link: Link::Connecting,
+            heard: Duration::ZERO,
             number: 0,
             followed: None,
             is_fresh: true,
@@ -135,6 +141,7 @@ impl Bench {
     fn update(&mut self, mut update: Value, now: Duration) -> Vec<Ask> {
         let is_whole = std::mem::take(&mut self.is_fresh);
         self.link = Link::Live;
+        self.heard = now;
         let patch = update["state"].take();
         if is_whole {
             self.begin(&patch);
@@ -229,6 +236,21 @@ impl Bench {
 
     pub(crate) fn link(&self) -> &Link {
         &self.link
+    }
+
+    /// Duration without a word of the server, if it is too long. A bench in manual time has nothing to say.
+    pub(crate) fn silence(&self, now: Duration) -> Option<Duration> {
+        self.may_hang().then(|| now.saturating_sub(self.heard)).filter(|silence| *silence >= SILENCE)
+    }
+
+    /// The time at which the silence is too long, or a second longer than it is now.
+    pub(crate) fn next_silence(&self, now: Duration) -> Option<Duration> {
+        let seconds = now.saturating_sub(self.heard).as_secs() + 1;
+        self.may_hang().then(|| self.heard + SILENCE.max(Duration::from_secs(seconds)))
+    }
+
+    fn may_hang(&self) -> bool {
+        self.link == Link::Live && self.state["time"]["mode"] != "manual"
     }
 
     /// State of the bench; null before the first update.

@@ -211,7 +211,8 @@ async fn follow(
         if has_updates {
             wait = first;
         }
-        let is_gone = drive.is_some() && status == Some(StatusCode::NOT_FOUND);
+        // The control API answers 422 to a name in a query that it does not have.
+        let is_gone = drive.is_some() && status.is_some_and(|status| status.is_client_error());
         let live = if is_gone { Live::Gone(reason) } else { Live::Lost(reason) };
         if news.send(News::Live { number, live }).is_err() {
             return;

@@ -11,6 +11,8 @@ const LONGEST: usize = 400;
 pub(crate) struct Entry {
     before: String,
     after: String,
+    /// True while the text is the old one, which the first character replaces.
+    is_old: bool,
 }
 
 /// Meaning of a key for an input line.
@@ -25,7 +27,17 @@ pub(crate) enum Typed {
 impl Entry {
     /// A line with this text, and the cursor at its end.
     pub(crate) fn new(text: impl Into<String>) -> Self {
-        Self { before: text.into(), after: String::new() }
+        Self { before: text.into(), ..Self::default() }
+    }
+
+    /// A line with an old text, which the first character replaces. Keys of the cursor keep it.
+    pub(crate) fn over(old: impl Into<String>) -> Self {
+        Self { is_old: true, ..Self::new(old) }
+    }
+
+    /// Returns whether the first character replaces the text.
+    pub(crate) fn is_old(&self) -> bool {
+        self.is_old
     }
 
     pub(crate) fn text(&self) -> String {
@@ -39,8 +51,17 @@ impl Entry {
 
     /// Adds pasted text without its control characters.
     pub(crate) fn paste(&mut self, text: &str) {
+        self.clear_old();
         let free = LONGEST.saturating_sub(self.text().chars().count());
         self.before.extend(text.chars().filter(|c| !c.is_control()).take(free));
+    }
+
+    fn clear_old(&mut self) -> bool {
+        let was_old = std::mem::take(&mut self.is_old);
+        if was_old {
+            *self = Self::default();
+        }
+        was_old
     }
 
     pub(crate) fn key(&mut self, key: KeyEvent) -> Typed {
@@ -54,6 +75,7 @@ impl Entry {
             KeyCode::Enter => return Typed::Done,
             KeyCode::Esc => return Typed::Left,
             KeyCode::Char(c) => self.paste(c.encode_utf8(&mut [0; 4])),
+            KeyCode::Backspace | KeyCode::Delete if self.clear_old() => {}
             KeyCode::Backspace => {
                 self.before.pop();
             }
@@ -68,10 +90,11 @@ impl Entry {
                 self.before.extend(rest.next());
                 self.after = rest.collect();
             }
-            KeyCode::Home => *self = Self { before: String::new(), after: self.text() },
+            KeyCode::Home => *self = Self { after: self.text(), ..Self::default() },
             KeyCode::End => *self = Self::new(self.text()),
             _ => {}
         }
+        self.is_old = false;
         Typed::Changed
     }
 }
@@ -191,6 +214,24 @@ mod tests {
         );
         entry.key(KeyEvent::new(KeyCode::Char('u'), KeyModifiers::CONTROL));
         assert_eq!(entry.text(), "ü");
+    }
+
+    #[test]
+    fn the_first_character_replaces_an_old_text() {
+        let after = |codes: &[KeyCode]| {
+            let mut entry = Entry::over("800");
+            codes.iter().for_each(|code| assert_eq!(press(&mut entry, *code), Typed::Changed));
+            entry.text()
+        };
+        assert_eq!(after(&[KeyCode::Char('1'), KeyCode::Char('2')]), "12");
+        assert_eq!(after(&[KeyCode::End, KeyCode::Char('1')]), "8001");
+        assert_eq!(after(&[KeyCode::Home, KeyCode::Char('1')]), "1800");
+        assert_eq!(after(&[KeyCode::Left, KeyCode::Backspace]), "80");
+        assert_eq!((after(&[KeyCode::Backspace]), after(&[KeyCode::Delete])), (String::new(), String::new()));
+        let mut entry = Entry::over("800");
+        entry.paste("0x1F");
+        assert_eq!((entry.text().as_str(), press(&mut entry, KeyCode::Enter)), ("0x1F", Typed::Done));
+        assert_eq!(press(&mut Entry::over("800"), KeyCode::Enter), Typed::Done);
     }
 
     #[test]

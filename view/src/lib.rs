@@ -62,7 +62,7 @@ pub fn show(address: &Address, log: Option<Receiver<String>>, stops: Vec<OwnedFd
     let mut screen = Screen::take()?;
     let (sender, events) = sync_channel(WAITING);
     let client = start_client(address, &sender)?;
-    let mut app = App::new(address.to_string(), log.is_some());
+    let mut app = App::new(address, log.is_some());
     spawn("stop", &sender, move |events| {
         if wait_for_any(&stops).is_ok() {
             let _ = events.send(Event::Stop);

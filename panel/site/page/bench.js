@@ -52,6 +52,8 @@ async function safely(act) {
 
 function fail(error) {
   broken ??= wasm ? `The bench has broken down (${error.message}): reload the page` : `The bench could not be loaded (${error.message}): reload the page`;
+  // In the place of the page's sentence that it connects, which nothing would end.
+  document.getElementById("content").dataset.broken = broken;
   follower?.onConnection(broken);
 }
 

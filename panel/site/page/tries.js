@@ -14,17 +14,22 @@ const lose = (drop, port) => drive => ["PUT", `buses/${drive}.${port}/faults`, d
 const onAfter = (register, after_ms) => drive => ["POST", "scenario", { steps: [{ when: { drive, register }, after_ms, drive, power: "on" }] }];
 const again = (count, ...steps) => Array.from({ length: count }, () => steps).flat();
 
-/** By the first letters of a kind: {name, title, says, calls}. `undo` has the calls of a second press, while the port `bus` loses frames. */
+/**
+ * By the first letters of a kind: {name, title, says, calls}. `undo` has the calls of a second press, while the port `bus` loses
+ * frames. `end` is the message at which the story of a button ends, and its meaning. The master comes first in `calls`: if it refuses
+ * because it waits, nothing else may happen.
+ */
 export const TRIES = {
   md3: [
     { name: "move", title: "Move 10,000 steps", says: "The master writes the distance, then Move. The motor ramps up, runs and ramps down in 2.5 s.",
       calls: [master(write("MoveSteps", 10_000), write("MotionControl", 1))] },
     { name: "home", title: "Home", says: "The motor looks for its home switch at J2.2, backward, and stops where the switch closes.",
       calls: [master(write("HomingConfiguration", 0x10), write("MotionControl", 4))] },
-    { name: "lose", title: "Lose a third of the frames", says: "The line loses each frame with a chance of one in three. The master repeats each request that has no answer.",
-      calls: [lose(0.33, "rs485"), master(...again(8, read("MotionControl")))], undo: [lose(0, "rs485")], bus: "rs485" },
-    { name: "cut", title: "Cut the power in the save", says: "The power fails while the drive saves, and is back after 2 s. EEPROMControl then says that the memory is spoiled.",
-      calls: [power("cut"), onAfter("UserRegister", 2500), master(write("UserRegister", 4711), write("EEPROMControl", 1), wait(11), read("EEPROMControl"))] },
+    { name: "lose", title: "Lose a third of the frames", says: "The line loses each frame with a chance of one in three, until a second press. The master repeats each request that has no answer.",
+      calls: [master(...again(8, read("MotionControl"))), lose(0.33, "rs485")], undo: [lose(0, "rs485")], bus: "rs485" },
+    { name: "cut", title: "Cut the power in the save", says: "The power fails while the drive saves, and is back after 2 s. The master waits 11 s, and then reads in EEPROMControl that the memory is spoiled.",
+      calls: [master(write("UserRegister", 4711), write("EEPROMControl", 1), wait(11), read("EEPROMControl")), power("cut"), onAfter("UserRegister", 2500)],
+      end: { text: `EEPROMControl = ${0xf100}`, means: "0xF1 in the high byte: the CRC is wrong, the memory is spoiled" } },
     { name: "refuse", title: "Write where nobody may", says: "The master writes a register that is read only. The drive refuses, and the traffic says why.",
       calls: [master(write("Reserved", 5))] },
   ],
@@ -39,8 +44,8 @@ export const TRIES = {
     { name: "run", title: "Run the program", says: "The master starts the program in the drive's memory: five speeds up and down again, then backward.",
       calls: [master(write("MODE_USER_PROGRAM", 2))] },
     { name: "stop", title: "End the program", says: "The master ends the program and stops the motor.", calls: [master(write("MODE_USER_PROGRAM", 1), write("STOP_bit", 1))] },
-    { name: "lose", title: "Lose a third of the frames", says: "The line loses each frame with a chance of one in three. The master repeats each request that has no answer.",
-      calls: [lose(0.33, "rs485"), master(...again(8, read("SPEED_VALID")))], undo: [lose(0, "rs485")], bus: "rs485" },
+    { name: "lose", title: "Lose a third of the frames", says: "The line loses each frame with a chance of one in three, until a second press. The master repeats each request that has no answer.",
+      calls: [master(...again(8, read("SPEED_VALID"))), lose(0.33, "rs485")], undo: [lose(0, "rs485")], bus: "rs485" },
     { name: "refuse", title: "Ask for too much", says: "The master writes a speed of 20,000 rpm. The drive takes 30 to 15,000, and refuses.", calls: [master(write("SPEED", 20_000))] },
   ],
   mdrobot: [
@@ -49,8 +54,8 @@ export const TRIES = {
     { name: "reverse", title: "Reverse", says: "The master writes START_STOP = 2: down to zero, and up the other way.",
       calls: [master(write("UI_COM", 1), write("COM_TAR_SPEED", 1500), write("START_STOP", 2))] },
     { name: "stop", title: "Stop", says: "The master writes START_STOP = 0, and the motor slows down to a standstill.", calls: [master(write("START_STOP", 0))] },
-    { name: "lose", title: "Lose a third of the frames", says: "The line loses each frame with a chance of one in three. The master repeats each request that has no answer.",
-      calls: [lose(0.33, "rs485"), master(...again(8, read("RPM_DATA")))], undo: [lose(0, "rs485")], bus: "rs485" },
+    { name: "lose", title: "Lose a third of the frames", says: "The line loses each frame with a chance of one in three, until a second press. The master repeats each request that has no answer.",
+      calls: [master(...again(8, read("RPM_DATA"))), lose(0.33, "rs485")], undo: [lose(0, "rs485")], bus: "rs485" },
   ],
   mdrive: [
     { name: "move", title: "Turn once", says: "The master writes MR = 51,200 by Modbus/TCP: as many steps forward, one turn of the motor.", calls: [master(write("MR", 51_200))] },

@@ -120,7 +120,7 @@ struct Call {
 }
 
 /// Steps for a master: `{"drive": "md3", "steps": [{"write": "MotionControl", "value": 1}], "poll": "Speed"}`. A step
-/// `{"say": "S0E"}` is a command for a drive that takes text.
+/// `{"say": "S0E"}` is a command for a drive that takes text. The answer `{"ended": true}` says that earlier steps were not done.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Play {
@@ -404,13 +404,17 @@ impl Site {
                 self.masters.last_mut().ok_or_else(|| Refused(500, "there is no master".into()))?
             }
         };
+        let mut ended = false;
         if !steps.is_empty() {
-            master.play(&self.bench, &steps);
+            ended = master.play(&self.bench, &steps).map_err(|rest| {
+                let seconds = rest.ticks().div_ceil(TICKS_PER_SECOND);
+                Refused(409, format!("the master waits for the drive: {seconds} s"))
+            })?;
         }
         if let Some(row) = poll {
             master.poll(&self.bench, row);
         }
-        Ok(Answer::done())
+        Ok(Answer::json(json!({"ended": ended})))
     }
 }
 
@@ -464,7 +468,7 @@ mod tests {
         site.follow(Some("x".into()));
         pass(&mut site, 3);
         let steps = json!([{"write": "MoveSteps", "value": 2500}, {"write": "MotionControl", "value": 1}]);
-        assert_eq!(call(&mut site, "POST", "master", json!({"drive": "x", "steps": steps})).0, 204);
+        assert_eq!(call(&mut site, "POST", "master", json!({"drive": "x", "steps": steps})).0, 200);
         pass(&mut site, 3);
         let (status, drive) = call(&mut site, "GET", "drives/x", Value::Null);
         assert_eq!((status, &drive["motion"]["position"]), (200, &json!(2500)));
@@ -482,6 +486,42 @@ mod tests {
             ["write MoveStepsHigh = 0", "write MoveStepsLow = 2500", "write MotionControl = 1"]
         );
         assert!(site.update(WallSpan::ZERO).is_none(), "nothing has changed");
+    }
+
+    /// Words of the messages since the last update.
+    fn texts(site: &mut Site) -> Vec<String> {
+        let update = site.update(WallSpan::from_secs(1)).expect("an update");
+        let update: Value = serde_json::from_slice(&update).expect("JSON");
+        let frames = update["traffic"].as_array().into_iter().flatten();
+        frames.filter_map(|frame| frame["text"].as_str()).map(ToOwned::to_owned).collect()
+    }
+
+    #[test]
+    fn a_master_ends_earlier_steps_or_says_for_how_long_it_waits() {
+        let mut site = site();
+        pass(&mut site, 3);
+        site.follow(Some("x".into()));
+        let play = |steps: &Value| json!({"drive": "x", "steps": steps});
+        let refused = json!([{"write": "Reserved", "value": 5}]);
+        let reads = json!([{"read": "MotionControl"}, {"read": "Speed"}, {"read": "MoveSteps"}]);
+        assert_eq!(call(&mut site, "POST", "master", play(&reads)), (200, json!({"ended": false})));
+        site.pass(0.02);
+        assert_eq!(call(&mut site, "POST", "master", play(&refused)), (200, json!({"ended": true})));
+        pass(&mut site, 1);
+        assert_eq!(texts(&mut site), ["read MotionControl", "write Reserved = 5"]);
+
+        // No press may end a wait, nor steps with a wait behind them: the read would never come.
+        let story = json!([{"write": "UserRegister", "value": 7}, {"wait": 11}, {"read": "UserRegister"}]);
+        assert_eq!(call(&mut site, "POST", "master", play(&story)).0, 200);
+        for (seconds, rest) in [(0, 11), (4, 8)] {
+            pass(&mut site, seconds);
+            let (status, problem) = call(&mut site, "POST", "master", play(&refused));
+            let sentence = format!("the master waits for the drive: {rest} s");
+            assert_eq!((status, problem["detail"].as_str()), (409, Some(sentence.as_str())));
+        }
+        pass(&mut site, 8);
+        assert_eq!(texts(&mut site), ["write UserRegister = 7", "read UserRegister"]);
+        assert_eq!(call(&mut site, "POST", "master", play(&refused)), (200, json!({"ended": false})));
     }
 
     #[test]
@@ -533,7 +573,7 @@ mod tests {
             ("mdrive", json!([{"write": "HC", "value": 50}, {"write": "MR", "value": 51_200}])),
         ] {
             let play = json!({"drive": drive, "steps": steps});
-            assert_eq!(call(&mut site, "POST", "master", play).0, 204, "{drive}");
+            assert_eq!(call(&mut site, "POST", "master", play).0, 200, "{drive}");
         }
         site.follow(Some("qsb".into()));
         pass(&mut site, 2);

@@ -68,6 +68,8 @@ enum Action {
 enum State {
     /// The next request is sent at this time.
     Idle(Instant),
+    /// A step waits until this time.
+    Waiting(Instant),
     /// A request waits for its answer.
     Asked { request: Vec<u8>, repeats: u32, until: Instant },
 }
@@ -88,10 +90,35 @@ impl Master {
         self.drive
     }
 
-    /// Replaces the steps that are still to be done.
-    pub fn play(&mut self, bench: &Bench, steps: &[Step]) {
+    /// Begins with these steps, and ends others that are still to be done. Returns whether there were some.
+    ///
+    /// # Errors
+    /// The rest of the waits, if the steps that are still to be done have one: the end of their story would be lost.
+    pub fn play(&mut self, bench: &Bench, steps: &[Step]) -> Result<bool, Duration> {
+        let rest = self.waits(bench.now());
+        if rest > Duration::ZERO {
+            return Err(rest);
+        }
         let spec = bench.spec(self.drive);
+        let ended = !self.actions.is_empty();
         self.actions = steps.iter().flat_map(|step| actions(spec, step)).collect();
+        if let State::Asked { repeats, .. } = &mut self.state {
+            // The drive may be about to answer, so the request keeps its time, but is not repeated.
+            *repeats = 0;
+        }
+        Ok(ended)
+    }
+
+    /// The rest of the waits of the steps that are still to be done.
+    fn waits(&self, now: Instant) -> Duration {
+        let begun = match self.state {
+            State::Waiting(until) => until.since(now),
+            State::Idle(_) | State::Asked { .. } => Duration::ZERO,
+        };
+        self.actions.iter().fold(begun, |sum, action| match action {
+            Action::Wait(time) => sum + *time,
+            Action::Ask(_) => sum,
+        })
     }
 
     /// Chooses the register that is read while there are no steps.
@@ -115,17 +142,19 @@ impl Master {
                     self.ask(bench, request, repeats);
                 }
             }
-            State::Idle(at) if now >= *at => match (self.actions.pop_front(), &self.poll) {
-                (Some(Action::Wait(time)), _) => self.state = State::Idle(now + time),
-                (Some(Action::Ask(request)), _) => self.ask(bench, request, REPEATS),
-                (None, Some(request)) if now >= self.polls_at => {
-                    let request = request.clone();
-                    self.polls_at = now + POLL;
-                    self.ask(bench, request, 0);
+            State::Idle(at) | State::Waiting(at) if now >= *at => {
+                match (self.actions.pop_front(), &self.poll) {
+                    (Some(Action::Wait(time)), _) => self.state = State::Waiting(now + time),
+                    (Some(Action::Ask(request)), _) => self.ask(bench, request, REPEATS),
+                    (None, Some(request)) if now >= self.polls_at => {
+                        let request = request.clone();
+                        self.polls_at = now + POLL;
+                        self.ask(bench, request, 0);
+                    }
+                    (None, _) => {}
                 }
-                (None, _) => {}
-            },
-            State::Idle(_) => {}
+            }
+            State::Idle(_) | State::Waiting(_) => {}
         }
     }
 
@@ -243,13 +272,13 @@ mod tests {
                 Step::Write { row: row(spec, "MotionControl"), value: 1 },
             ]
         };
-        master.play(&bench, &steps());
+        assert_eq!(master.play(&bench, &steps()), Ok(false));
         run(&mut bench, &mut master, 3);
         assert_eq!(bench.motion(md3, Axis(0)).position, 2_500);
 
         // The master repeats what is lost.
         bench.set_line_faults(bus, LineFaults { drop: FaultRule::next(2), ..LineFaults::NONE });
-        master.play(&bench, &steps());
+        assert_eq!(master.play(&bench, &steps()), Ok(false));
         run(&mut bench, &mut master, 4);
         assert_eq!(bench.motion(md3, Axis(0)).position, 5_000);
     }

@@ -108,17 +108,19 @@ pub(super) fn turn(name: &str, motor: &Value) -> Vec<Span<'static>> {
     spans
 }
 
-/// Statistics of the ports.
+/// Statistics of the ports, in the words of the page.
 fn ports(app: &App) -> Line<'static> {
     let mut spans = Vec::new();
     for (name, port) in app.bench.drive()["ports"].as_object().into_iter().flatten() {
         let count = |member: &str| port[member].as_u64().unwrap_or(0);
         let line = port["line"].as_str().unwrap_or("TCP");
-        let counts = format!("{name} {line}: {} requests", number(count("requests") as f64, 0));
+        let counts = format!("{name} {line}: {} executed", number(count("requests") as f64, 0));
         spans.push(Span::styled(counts, style::MUTED));
-        for (member, style) in [("refused", style::BAD), ("dropped", style::ODD)] {
+        for (member, word, style) in [("refused", "refused", style::BAD), ("dropped", "ignored", style::ODD)]
+        {
             if count(member) > 0 {
-                spans.push(Span::styled(format!(", {} {member}", count(member)), style));
+                let count = number(count(member) as f64, 0);
+                spans.push(Span::styled(format!(", {count} {word}"), style));
             }
         }
         spans.push(Span::raw("  "));

@@ -42,7 +42,7 @@ pub(crate) fn draw(frame: &mut Frame, app: &App, now: Duration, has_colours: boo
     }
     let [top, middle, bottom] =
         Layout::vertical([Constraint::Length(1), Constraint::Min(1), Constraint::Length(2)]).areas(area);
-    header(frame, top, app);
+    header(frame, top, app, now);
     if let Mode::Help(first) = app.mode {
         help::draw(frame, middle, first);
     } else if app.bench.state().is_null() {
@@ -56,7 +56,7 @@ pub(crate) fn draw(frame: &mut Frame, app: &App, now: Duration, has_colours: boo
     }
 }
 
-fn header(frame: &mut Frame, area: Rect, app: &App) {
+fn header(frame: &mut Frame, area: Rect, app: &App, now: Duration) {
     let bench = &app.bench;
     let mut left = vec![Span::styled("drivetwin ", style::TITLE), Span::raw(app.address.clone())];
     if let Some(seconds) = bench.seconds() {
@@ -64,10 +64,13 @@ fn header(frame: &mut Frame, area: Rect, app: &App) {
         left.push(Span::styled(format!("  {mode} time "), style::MUTED));
         left.push(Span::raw(parts::time(seconds)));
     }
-    let right = match bench.link() {
-        Link::Live => Span::styled("● live", style::GOOD),
-        Link::Connecting => Span::styled("○ connecting", style::ODD),
-        Link::Lost(_) => Span::styled("✗ connection lost", style::BAD),
+    let right = match (bench.link(), bench.silence(now)) {
+        (Link::Live, Some(silence)) => {
+            Span::styled(format!("✗ no answer for {} s", silence.as_secs()), style::BAD)
+        }
+        (Link::Live, None) => Span::styled("● live", style::GOOD),
+        (Link::Connecting, _) => Span::styled("○ connecting", style::ODD),
+        (Link::Lost(_), _) => Span::styled("✗ connection lost", style::BAD),
     };
     let wide = right.width() as u16;
     let [left_area, right_area] =
@@ -161,10 +164,11 @@ fn footer(frame: &mut Frame, area: Rect, app: &App, now: Duration) {
             // The cursor stays visible in a line that is longer than the terminal.
             let room = width.saturating_sub(label.width() + 3);
             let skipped = Span::raw(before).width().saturating_sub(room);
+            let typed = if entry.is_old() { style::CHOSEN } else { style::PLAIN };
             let line = Line::from(vec![
                 label,
                 Span::raw(" "),
-                Span::raw(before.chars().skip(skipped).collect::<String>()),
+                Span::styled(before.chars().skip(skipped).collect::<String>(), typed),
                 Span::styled(under, style::CHOSEN),
                 Span::raw(chars.collect::<String>()),
             ]);

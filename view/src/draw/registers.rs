@@ -78,7 +78,9 @@ fn facts(register: &Register) -> Vec<Span<'static>> {
         let sign = if section.starts_with(|c: char| c.is_ascii_digit()) { "§" } else { "" };
         add(format!("  {sign}{section}"));
     }
-    if let Some(address) = row["address"].as_u64() {
+    // A variable or a setting is reached by its name only.
+    let has_address = !["variable", "setting"].contains(&row["space"].as_str().unwrap_or_default());
+    if let Some(address) = row["address"].as_u64().filter(|_| has_address) {
         add(format!("  {address:#06x}"));
     }
     if let Some(access) = row["access"].as_str() {
@@ -150,6 +152,16 @@ mod tests {
         let register = Register { name: "a", value: &json!(778), row: &row };
         let text = fields(&register);
         assert_eq!(text.as_deref(), Some("motor mode = 0 (step), microstepping = 3 (1/8), 7:0 = 10"));
+    }
+
+    #[test]
+    fn a_register_without_an_address_shows_none() {
+        let facts = |space: &str| {
+            let row = json!({"section": "7.8", "space": space, "address": 0, "access": "R/W"});
+            Line::from(facts(&Register { name: "a", value: &json!(1), row: &row })).to_string()
+        };
+        assert_eq!(facts("holding"), "a  §7.8  0x0000  R/W");
+        assert_eq!((facts("setting"), facts("variable")), ("a  §7.8  R/W".into(), "a  §7.8  R/W".into()));
     }
 
     #[test]

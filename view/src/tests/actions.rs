@@ -112,6 +112,11 @@ fn a_refused_edit_says_why_and_stays() {
     let mut view = view();
     view.keys("2jje");
     view.shows(80, 24, &["Speed = 8000", "a number: 8000, -5, 0x1F40"]);
+    // The old value is marked, and typing replaces it, unless the cursor is moved.
+    let marked = |view: &View| view.buffer(80, 24)[("Speed = ".len() as u16, 22)].modifier;
+    assert!(marked(&view).contains(ratatui::style::Modifier::REVERSED));
+    view.press(KeyCode::End);
+    assert!(!marked(&view).contains(ratatui::style::Modifier::REVERSED));
     view.keys("x");
     view.press(KeyCode::Enter);
     assert!(view.wanted().is_empty());
@@ -132,6 +137,15 @@ fn a_refused_edit_says_why_and_stays() {
     assert_eq!(call.body, Some(json!({"value": 8000})));
     view.hear(News::Answer { tag: call.tag, result: Ok(()) });
     assert_eq!(view.app.mode, Mode::Panes);
+}
+
+#[test]
+fn typing_replaces_the_old_value_of_a_register() {
+    let mut view = view();
+    view.keys("2e7");
+    view.press(KeyCode::Enter);
+    let value = Some(json!({"value": 7}));
+    assert_eq!(call(&mut view), (Method::PUT, "/api/drives/x/registers/MotionControl".into(), value));
 }
 
 #[test]
@@ -206,7 +220,7 @@ fn pasted_text_is_no_key() {
     assert!(view.app.mode == Mode::Panes);
     view.keys("2e");
     view.app.paste("5\n");
-    view.shows(80, 24, &["MotionControl = 15"]);
+    view.shows(80, 24, &["MotionControl = 5"]);
 }
 
 #[test]

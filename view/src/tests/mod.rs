@@ -36,8 +36,12 @@ impl View {
     }
 
     fn connecting() -> Self {
+        Self::connecting_to("http://127.0.0.1:8080")
+    }
+
+    fn connecting_to(address: &str) -> Self {
         let mut view = Self {
-            app: App::new("http://127.0.0.1:8080".into(), false),
+            app: App::new(&address.parse().unwrap(), false),
             number: 0,
             now: Duration::ZERO,
             effects: Vec::new(),

@@ -1,5 +1,7 @@
 //! Cells, from states typed by hand.
 
+use std::time::Duration;
+
 use ratatui::crossterm::event::KeyCode;
 use ratatui::style::{Color, Modifier};
 use serde_json::{Value, json};
@@ -40,7 +42,7 @@ fn a_small_screen() {
         "┌ 0 drives 3 ──────┐x  power on  US Digital MD3 stepper drive, 7 A",
         "│▶ x         md3   │○ D5  ● D6",
         "│○ Lüfter    mdrob…│▶ moving  position 12,345  speed −4,000/s  current 1.00 A  …",
-        "│! 東京      qsb-d │rs485 9600 8E1: 1,234 requests, 2 refused",
+        "│! 東京      qsb-d │rs485 9600 8E1: 1,234 executed, 2 refused",
         "│                  │1 plot 2 registers 3 pins 4 faults 5 traffic 6 bench",
         "│                  │┏ 1 plot 10 s ━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━━┓",
         "│                  │┃━ position 12,345                                         ┃",
@@ -92,6 +94,15 @@ fn lights_levels_and_causes_have_colours_and_signs() {
     assert_eq!(cell_of(&buffer, "power on").fg, Color::Green);
     view.update(json!({"state": {"drives": {"x": {"powered": false}}}}));
     assert_eq!(cell_of(&view.buffer(140, 40), "power off").fg, Color::Red);
+}
+
+#[test]
+fn ports_count_in_the_words_of_the_page() {
+    let mut view = view();
+    view.update(
+        json!({"state": {"drive": {"ports": {"rs485": {"requests": 1, "refused": 0, "dropped": 1200}}}}}),
+    );
+    view.shows(80, 24, &["rs485 9600 8E1: 1 executed, 1,200 ignored"]);
 }
 
 #[test]
@@ -195,7 +206,7 @@ fn a_changed_register_is_lit_for_a_moment() {
     let dark = view.app.wake(view.now).expect("it ends by itself");
     view.wait(dark.as_millis() as u64);
     assert_eq!(cell_of(&view.buffer(80, 24), "MoveSteps ").fg, Color::Reset);
-    assert_eq!(view.app.wake(view.now), None);
+    assert_eq!(view.app.wake(view.now), Some(Duration::from_secs(3)), "the end of a silence");
 }
 
 #[test]
@@ -322,6 +333,27 @@ fn a_lost_connection_shows_and_comes_back() {
 }
 
 #[test]
+fn a_server_that_hangs_is_not_live() {
+    let mut view = view();
+    view.wait(2_999);
+    view.shows(80, 24, &["● live"]);
+    for (second, words) in [(3, "✗ no answer for 3 s"), (4, "✗ no answer for 4 s")] {
+        // The view draws itself anew at this time.
+        view.now = view.app.wake(view.now).expect("a silence");
+        assert_eq!(view.now, Duration::from_secs(second));
+        view.shows(80, 24, &[words, "▶ x"]);
+    }
+    assert_eq!(cell_of(&view.buffer(80, 24), "✗ no answer").fg, Color::Red);
+    view.update(json!({"state": {"time": {"seconds": 90.0}}}));
+    view.shows(80, 24, &["● live"]);
+    // In manual time nothing happens, and nothing is said.
+    view.update(json!({"state": {"time": {"mode": "manual"}}}));
+    assert_eq!(view.app.wake(view.now), None);
+    view.wait(10_000);
+    view.shows(80, 24, &["● live"]);
+}
+
+#[test]
 fn the_same_message_from_two_streams_is_shown_once() {
     let mut view = view();
     with_traffic(&mut view);
@@ -351,6 +383,22 @@ fn a_drive_that_is_gone_is_left_for_the_first() {
     );
     let wanted = format!("{:?}", view.wanted());
     assert!(wanted.contains("Follow") && wanted.contains("\"y\""), "{wanted}");
+    view.shows(80, 24, &["● live", "y    US Digital", "there is no drive x; the view shows y"]);
+}
+
+#[test]
+fn the_drive_of_the_address_is_followed_at_first() {
+    let of = |address| {
+        let mut view = View::connecting_to(address);
+        view.whole(bench());
+        let wanted = format!("{:?}", view.wanted());
+        assert!(wanted.contains(&format!("drive: {:?}", view.app.drive())), "{wanted}");
+        view
+    };
+    assert_eq!(of("127.0.0.1:8080/#/%E6%9D%B1%E4%BA%AC").app.drive(), Some("東京"));
+    let other = of("127.0.0.1:8080/#/y");
+    assert_eq!(other.app.drive(), Some("x"));
+    other.shows(80, 24, &["there is no drive y; the view shows x"]);
 }
 
 #[test]
@@ -434,7 +482,7 @@ fn the_log_of_a_run_is_a_pane() {
     let mut view = view();
     view.keys("7");
     assert!(!view.screen(80, 24).contains("7 log"));
-    view.app = App::new("http://127.0.0.1:8080".into(), true);
+    view.app = App::new(&"http://127.0.0.1:8080".parse().unwrap(), true);
     view.number = 0;
     let start = view.app.start();
     view.take(vec![start]);

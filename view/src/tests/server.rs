@@ -175,8 +175,9 @@ fn garbage_is_a_lost_connection() {
 fn a_refused_stream_says_why() {
     let server = Server::start();
     server.follow(1, Some("x"));
-    let problem = "{\"status\":404,\"detail\":\"there is no drive 'x'\"}";
-    server.accept().answer("404 Not Found", "application/problem+json", problem);
+    // As the control API refuses a name in a query.
+    let problem = "{\"status\":422,\"detail\":\"there is no drive 'x'\"}";
+    server.accept().answer("422 Unprocessable Entity", "application/problem+json", problem);
     assert_eq!(server.live(1), Live::Gone("there is no drive 'x'".into()));
     // The client may have tried the first stream again, so the second one has a server of its own.
     let server = Server::start();
