@@ -1,0 +1,34 @@
+// What the page says of its connection to the bench, and how many connections it takes.
+
+import assert from "node:assert/strict";
+import { after, before, test } from "node:test";
+
+import { browser as startBrowser, click, hide, open, run, sees } from "./bench.mjs";
+
+let browser;
+before(async () => { browser = await startBrowser(); });
+after(() => browser.close());
+
+test("hidden pages hold no connection, and one that is shown again follows the bench", async () => {
+  const bench = await run("md3", "--fast-boot", "--time", "manual");
+  const pages = [];
+  try {
+    // A browser has six connections for each host: without them the seventh page would not load.
+    for (let count = 0; count < 7; count++) {
+      const { page } = await open(browser, `${bench.control}/#/md3`);
+      pages.push(page);
+      await sees(page, "[data-motion=position]", "data-value", 0);
+      await hide(page, true);
+    }
+    await bench.call("PUT", "api/drives/md3/pins/J2.2", { level: "low" });
+    await pages[0].bringToFront();
+    await hide(pages[0], false);
+    await bench.call("POST", "api/time/advance", { seconds: 1 });
+    await sees(pages[0], "[data-pin='J2.2']", "data-state", "low");
+    await click(pages[0], "[data-pin='J2.2'] [data-set=open]");
+    await sees(pages[0], "[data-pin='J2.2']", "data-state", "high");
+  } finally {
+    await Promise.all(pages.map(page => page.close()));
+    await bench.stop();
+  }
+});
