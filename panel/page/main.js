@@ -159,6 +159,7 @@ function onConnection(state, isFinal = false) {
     return;
   }
   document.documentElement.classList.toggle("lost", lost);
+  $("time").inert = $("downloads").inert = lost; // nothing to set, and nothing to record
   $("link").className = lost ? "lost" : "";
   text($("link"), lost ? state : "");
 }

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import { after, before, test } from "node:test";
 
-import { browser as startBrowser, click, hide, open, run, sees } from "./bench.mjs";
+import { browser as startBrowser, click, hide, open, run, sees, textOf } from "./bench.mjs";
 
 let browser;
 before(async () => { browser = await startBrowser(); });
@@ -29,6 +29,31 @@ test("hidden pages hold no connection, and one that is shown again follows the b
     await sees(pages[0], "[data-pin='J2.2']", "data-state", "high");
   } finally {
     await Promise.all(pages.map(page => page.close()));
+    await bench.stop();
+  }
+});
+
+test("a bench that hangs is said to, and one whose time stands is not", async () => {
+  const bench = await run("md3", "--fast-boot", "--time", "manual");
+  const { page } = await open(browser, `${bench.control}/#/md3`);
+  try {
+    await sees(page, "[data-motion=position]", "data-value", 0);
+    // Nothing changes: the page asks, and the answers come.
+    for (let count = 0; count < 4; count++) await page.waitForResponse(`${bench.control}/api/drives/md3`);
+    assert.equal(await page.$("html.lost"), null);
+    bench.hang(true);
+    await page.waitForSelector("html.lost", { timeout: 10_000 });
+    assert.match(await textOf(page, "#link"), /^No answer for \d+ s$/);
+    // A call that waits says so.
+    await page.$eval("[data-action=power-off]", button => button.click());
+    assert.match(await textOf(page, ".notice"), /^The bench has not answered for 2 s/);
+    bench.hang(false);
+    await page.waitForSelector("html:not(.lost)", { timeout: 10_000 });
+    await sees(page, "[data-action=power-off]", "aria-pressed", true);
+    await page.waitForFunction(() => document.querySelector(".notice") === null);
+  } finally {
+    bench.hang(false);
+    await page.close();
     await bench.stop();
   }
 });
