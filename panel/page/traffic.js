@@ -83,12 +83,23 @@ export function trafficCard(app, { drive = null } = {}) {
     next.querySelector("button").focus();
   });
 
+  /** Opens or closes a row. Its head stays where it is, or moves up just so far that the whole row is in sight. */
+  const keep = (row, change) => {
+    const top = () => row.getBoundingClientRect().top;
+    const earlier = top();
+    change();
+    scroller.scrollTop += top() - earlier;
+    const { top: above, bottom: below } = scroller.getBoundingClientRect();
+    scroller.scrollTop += Math.max(0, Math.min(row.getBoundingClientRect().bottom - below, top() - above));
+    ours = isOpen() ? scroller.scrollTop : 0;
+  };
+
   /** Draws the list anew, after another filter. */
   const show = (most = ROWS) => {
     const source = filter === FILTERS[0] ? all : trouble;
     missed = 0;
     latest.hidden = true;
-    rows.replaceChildren(...source.filter(passes).slice(-most).map(frame => row(frame, drive)));
+    rows.replaceChildren(...source.filter(passes).slice(-most).map(frame => row(frame, drive, keep)));
     empty.hidden = rows.childElementCount > 0;
     if (total) text(empty, "No message passes the filter.");
     if (!atEnd || ours) scroller.scrollTop = 0;
@@ -160,7 +171,7 @@ export function trafficCard(app, { drive = null } = {}) {
         settled = setTimeout(() => atEnd && !isOpen() && show(), 3 * FLOOD_PAUSE);
       } else {
         const height = isOpen() ? rows.offsetHeight : 0;
-        rows.append(...fresh, ...passing.slice(-ROWS).map(frame => row(frame, drive)));
+        rows.append(...fresh, ...passing.slice(-ROWS).map(frame => row(frame, drive, keep)));
         while (rows.childElementCount > ROWS && !height) rows.firstElementChild.remove();
         empty.hidden = true;
         if (height) {
@@ -174,7 +185,7 @@ export function trafficCard(app, { drive = null } = {}) {
   };
 }
 
-function row(frame, ofDrive) {
+function row(frame, ofDrive, keep) {
   const isRead = frame.verdict === "done" && frame.text.startsWith("read ") && / = /.test(frame.outcome);
   const said = isRead ? `read ${frame.outcome}` : frame.text;
   const outcome = isRead || frame.sent || !frame.outcome || frame.outcome === "done" ? null : frame.outcome;
@@ -189,9 +200,11 @@ function row(frame, ofDrive) {
     verdict ? el("span", { class: "verdict" }, verdict) : null,
   ], { class: "frame", "aria-expanded": false, tabindex: -1 }, () => {
     const open = line.getAttribute("aria-expanded") !== "true";
-    attr(line, "aria-expanded", open);
-    if (open) node.append(details(frame));
-    else node.lastChild.remove();
+    keep(node, () => {
+      attr(line, "aria-expanded", open);
+      if (open) node.append(details(frame));
+      else node.lastChild.remove();
+    });
   });
   const node = el("li", { "data-traffic": frame.number ?? "sent", "data-verdict": frame.verdict, "data-unanswered": frame.unanswered, "data-at": frame.at, "data-of": frame.drive }, line);
   return node;

@@ -69,6 +69,22 @@ test("a coil does not read as a register, and a missing function is no fault of 
   assert.equal(await page.$(".frame-details .why"), null);
 }));
 
+test("a refused message that is opened keeps its place", () => withMd3(async ({ master, page }) => {
+  await sees(page, "[data-motion=position]", "data-value", 0);
+  await assert.rejects(master.writeRegister(RESERVED, 5), { modbusCode: 2 });
+  for (let speed = 1; speed <= 20; speed++) await master.writeRegister(SPEED_LOW, speed);
+  await page.waitForSelector("[data-traffic='21']");
+  const row = "[data-traffic][data-verdict=refused]";
+  const place = () => page.$eval(row, node => node.getBoundingClientRect().top - node.closest(".frames-scroll").getBoundingClientRect().top);
+  await page.$eval(row, node => (node.closest(".frames-scroll").scrollTop = node.offsetTop - node.closest(".frames-scroll").scrollHeight));
+  const before = await place();
+  await page.click(`${row} button`);
+  await page.waitForSelector(".frame-details");
+  assert.ok(Math.abs(await place() - before) <= 1, `it was at ${before} px and is at ${await place()} px`);
+  await page.click(`${row} button`);
+  assert.ok(Math.abs(await place() - before) <= 1);
+}));
+
 test("the note of a refusal goes when the register is written, or when it is closed", () => withMd3(async ({ master, page }) => {
   await sees(page, "[data-register=DeviceAddress]", "data-value", 1);
   const refuse = async () => {
