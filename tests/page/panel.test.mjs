@@ -49,6 +49,10 @@ atEach("a limit switch is pressed and let go", async ({ bench, page }) => {
   assert.equal((await bench.call("GET", "drives/md3")).pins["J2.2"], "low");
   await click(page, "[data-pin='J2.2'] [data-set=open]");
   await sees(page, "[data-pin='J2.2']", "data-state", "high");
+  // Nothing drives the pin: its pull-up gives the level.
+  assert.equal(await textOf(page, "[data-pin='J2.2'] .level"), "high");
+  await sees(page, "[data-pin='J2.2'] [data-set=open]", "aria-pressed", true);
+  await sees(page, "[data-pin='J2.2'] [data-set=high]", "aria-pressed", false);
 });
 
 atEach("a wrong value is refused with the sentence of the table", async ({ bench, page }) => {
