@@ -152,7 +152,12 @@ function makeRow(app, drive, register, asHex) {
     node, input, changed: false, refused: false,
     words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
     draw() {
-      if (!edited) input.value = shown();
+      if (!edited && input.value !== shown()) {
+        // What is selected whole stays so: the next digit begins a new number.
+        const isAll = document.activeElement === input && input.selectionStart === 0 && input.selectionEnd === input.value.length;
+        input.value = shown();
+        if (isAll) input.select();
+      }
       if (hasFields) text(means, typeof value === "number" ? meaning(register.fields, value) : "");
       parts.forEach(part => (part.node.hidden = typeof value !== "number"));
       if (typeof value !== "number") return;
@@ -203,9 +208,11 @@ function makeRow(app, drive, register, asHex) {
     if (typed === null) return fail(`'${input.value}' is not a number; write it as 10, -10 or 0x0A${isList ? ", with commas between the words" : ""}`);
     if ([typed].flat().some(number => !Number.isSafeInteger(number))) return fail(`'${input.value}' is too large`);
     if (Array.isArray(typed) && !isList) return fail(`${name} takes one number, not ${typed.length}`);
+    input.select();
     await write(typed);
   };
   const write = async typed => {
+    const before = input.value;
     const answer = await app.backend.call("PUT", `drives/${encodeURIComponent(drive)}/registers/${encodeURIComponent(name)}`, { value: typed });
     if (!answer.ok) {
       // The fields have not taken the value: they show again what the drive has.
@@ -215,7 +222,7 @@ function makeRow(app, drive, register, asHex) {
     // The next update has what the drive made of the value.
     fail(null);
     row.forgive();
-    revert();
+    if (input.value === before) revert(); // otherwise the next value is typed already
   };
   input.addEventListener("keydown", event => {
     if (event.key === "Enter") commit();

@@ -118,6 +118,21 @@ test("commas between thousands are left out, and a list is no number", () => wit
   await sees(page, "[data-register=Speed]", "data-value", 10_000);
 }));
 
+test("a number that is typed after Enter begins anew", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-register=Speed]", "data-value", 5000);
+  await edit(page, "Speed", "8000");
+  await sees(page, "[data-register=Speed]", "data-value", 8000);
+  await page.keyboard.type("7000");
+  await page.keyboard.press("Enter");
+  await sees(page, "[data-register=Speed]", "data-value", 7000);
+  // Nor does it matter whether the bench has answered.
+  await page.keyboard.type("6000");
+  await page.keyboard.press("Enter");
+  await page.keyboard.type("9000");
+  await page.keyboard.press("Enter");
+  await sees(page, "[data-register=Speed]", "data-value", 9000);
+}));
+
 test("a field shows again what the drive has when its value is refused", async () => {
   const bench = await run("mdrive", "--fast-boot");
   const { page, faults } = await open(browser, `${bench.control}/#/mdrive`);
