@@ -77,10 +77,20 @@ atEach("a wrong value is refused with the sentence of the table", async ({ bench
 
 atEach("the power fails in the middle of a save", async ({ bench, page }) => {
   await sees(page, "[data-motion=position]", "data-value", 0);
+  await sees(page, "[data-action=power-cut]", "aria-pressed", false);
   await click(page, "[data-action=power-cut]");
+  await sees(page, "[data-action=power-cut]", "aria-pressed", true);
+  // Off and on leave it armed.
+  await click(page, "[data-action=power-off]");
+  await sees(page, "[data-action=power-off]", "aria-pressed", true);
+  await click(page, "[data-action=power-on]");
+  await sees(page, "[data-action=power-on]", "aria-pressed", true);
+  await sees(page, "[data-action=power-cut]", "aria-pressed", true);
   // 7.20: bit 0 saves all registers.
   await bench.write("EEPROMControl", 1).catch(() => {});
   await sees(page, "[data-action=power-off]", "aria-pressed", true);
+  await sees(page, "[data-action=power-cut]", "aria-pressed", false);
+  assert.equal(await page.$(".notice"), null);
   await click(page, "[data-action=power-on]");
   await sees(page, "[data-action=power-on]", "aria-pressed", true);
 });
