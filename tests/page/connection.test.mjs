@@ -33,6 +33,27 @@ test("hidden pages hold no connection, and one that is shown again follows the b
   }
 });
 
+test("the head of the page holds all of its controls at each width", async () => {
+  const bench = await run("md3", "--fast-boot", "--time", "manual");
+  try {
+    await bench.call("POST", "api/time/advance", { seconds: 3600 });
+    for (const width of [320, 390, 640, 861, 900, 1000, 1280, 1281, 1440]) {
+      const { page } = await open(browser, `${bench.control}/#/md3`, { width });
+      await sees(page, "[data-time]", "data-state", "manual");
+      await click(page, "[data-action=record]");
+      await sees(page, "[data-action=record]", "data-state", "on");
+      const outside = await page.$$eval(".bar :is(button, input, .hint, .clock)", nodes => nodes.filter(node => {
+        const { left, right, height } = node.getBoundingClientRect();
+        return height > 40 || left < 0 || right > innerWidth || node.scrollWidth > node.clientWidth + 1;
+      }).map(node => node.outerHTML));
+      assert.deepEqual(outside, [], `at ${width} px`);
+      await page.close();
+    }
+  } finally {
+    await bench.stop();
+  }
+});
+
 test("a bench that hangs is said to, and one whose time stands is not", async () => {
   const bench = await run("md3", "--fast-boot", "--time", "manual");
   const { page } = await open(browser, `${bench.control}/#/md3`);
