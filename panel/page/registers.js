@@ -150,7 +150,7 @@ function makeRow(app, drive, register, asHex) {
   };
   const row = {
     node, input, changed: false, refused: false,
-    words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
+    words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${hex(address ?? 0, 0)} ${address ?? ""} ${section}`.toLowerCase(),
     draw() {
       if (!edited && input.value !== shown()) {
         // What is selected whole stays so: the next digit begins a new number.

@@ -133,6 +133,18 @@ test("a number that is typed after Enter begins anew", () => withMd3(async ({ pa
   await sees(page, "[data-register=Speed]", "data-value", 9000);
 }));
 
+test("a register is found by its address with and without leading zeros", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-register=Speed]", "data-value", 5000);
+  for (const words of ["0x11", "0x0011", "17"]) {
+    await page.$eval("#registers input[type=search]", (input, words) => {
+      input.value = words;
+      input.dispatchEvent(new Event("input"));
+    }, words);
+    assert.equal(await page.$("[data-register=MotionControl][hidden]"), null, words);
+    assert.notEqual(await page.$("[data-register=DeviceAddress][hidden]"), null, words);
+  }
+}));
+
 test("a field shows again what the drive has when its value is refused", async () => {
   const bench = await run("mdrive", "--fast-boot");
   const { page, faults } = await open(browser, `${bench.control}/#/mdrive`);
