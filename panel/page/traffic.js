@@ -1,7 +1,7 @@
 // Messages in words: what a master said, when, and how it ended. Only so many are kept; the troubled ones longer.
 
 import { attr, button, card, el, text } from "./dom.js";
-import { parts } from "./bytes.js";
+import { besideRegisters, parts } from "./bytes.js";
 import { clock, duration, number } from "./format.js";
 
 const KEPT = 1000; // frames
@@ -84,10 +84,13 @@ export function trafficCard(app, { drive = null } = {}) {
   });
 
   /** Opens or closes a row. Its head stays where it is, or moves up just so far that the whole row is in sight. */
-  const keep = (row, change) => {
+  const keep = async (row, frame, change) => {
+    // The kind is known before the row opens, so that its height does not change later.
+    const name = frame.verdict === "refused" ? app.store.state.drives?.[frame.drive]?.kind : undefined;
+    const registers = name === undefined ? [] : (await app.kind(name))?.registers ?? [];
     const top = () => row.getBoundingClientRect().top;
     const earlier = top();
-    change();
+    change(registers);
     scroller.scrollTop += top() - earlier;
     const { top: above, bottom: below } = scroller.getBoundingClientRect();
     scroller.scrollTop += Math.max(0, Math.min(row.getBoundingClientRect().bottom - below, top() - above));
@@ -199,10 +202,10 @@ function row(frame, ofDrive, keep) {
       outcome ? el("span", { class: "outcome" }, outcome) : null),
     verdict ? el("span", { class: "verdict" }, verdict) : null,
   ], { class: "frame", "aria-expanded": false, tabindex: -1 }, () => {
-    const open = line.getAttribute("aria-expanded") !== "true";
-    keep(node, () => {
+    keep(node, frame, registers => {
+      const open = line.getAttribute("aria-expanded") !== "true";
       attr(line, "aria-expanded", open);
-      if (open) node.append(details(frame));
+      if (open) node.append(details(frame, registers));
       else node.lastChild.remove();
     });
   });
@@ -211,12 +214,14 @@ function row(frame, ofDrive, keep) {
 }
 
 /** The bytes of a frame and of its answer, part by part. */
-function details(frame) {
+function details(frame, registers) {
+  const hint = frame.verdict === "refused" ? besideRegisters(frame.bytes ?? "", registers) : undefined;
   const list = (title, hex, isAnswer) => el("div", { class: "bytes" }, el("h3", {}, title),
     hex ? el("dl", {}, parts(hex, isAnswer).map(([bytes, meaning]) => el("div", {}, el("dt", {}, bytes), el("dd", {}, meaning))))
       : el("p", {}, "none"));
   return el("div", { class: "frame-details" },
     frame.reason && !frame.outcome.includes(frame.reason) ? el("p", { class: "why" }, el("b", {}, "Why: "), frame.reason) : null,
+    hint ? el("p", { class: "why" }, hint) : null,
     list(frame.sent ? "Sent by the drive" : "Request", frame.bytes, frame.sent ?? false),
     frame.sent ? null : list("Answer", frame.answer, true));
 }

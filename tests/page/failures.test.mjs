@@ -10,7 +10,7 @@ import { browser as startBrowser, click, open, run, sees, textOf } from "./bench
 import { masterOf, runMd3 } from "./md3.mjs";
 
 // Registers of the MD3 User Guide, chapter 7.
-const DEVICE_ADDRESS = 0x00, RESERVED = 0x0b, MOTION_CONTROL = 0x11, SPEED_LOW = 0x15;
+const DEVICE_ADDRESS = 0x00, RESERVED = 0x0b, MOTION_CONTROL = 0x11, SPEED_LOW = 0x15, LAST = 0x1f;
 
 let browser;
 before(async () => { browser = await startBrowser(); });
@@ -83,6 +83,18 @@ test("a refused message that is opened keeps its place", () => withMd3(async ({ 
   assert.ok(Math.abs(await place() - before) <= 1, `it was at ${before} px and is at ${await place()} px`);
   await page.click(`${row} button`);
   assert.ok(Math.abs(await place() - before) <= 1);
+}));
+
+test("an address without a register is also shown in decimal, with a hint if it is one off", () => withMd3(async ({ master, page }) => {
+  await sees(page, "[data-motion=position]", "data-value", 0);
+  // MD3 chapter 7: the last register is 0x1F.
+  for (const [number, address, hint] of [[1, 99, false], [2, LAST + 1, true]]) {
+    await assert.rejects(master.readHoldingRegisters(address, 1), { modbusCode: 2 });
+    await click(page, `[data-traffic='${number}'] button`);
+    const said = await textOf(page, `[data-traffic='${number}'] .frame-details`);
+    assert.ok(said.includes(`register 0x00${address.toString(16)} (${address})`), said);
+    assert.equal(/Is it one off\? There is a register at 0x001F \(31\)/.test(said), hint, said);
+  }
 }));
 
 test("the note of a refusal goes when the register is written, or when it is closed", () => withMd3(async ({ master, page }) => {
