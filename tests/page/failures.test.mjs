@@ -157,6 +157,34 @@ test("a register is found by its address with and without leading zeros", () => 
   }
 }));
 
+test("a number that a field cannot take is answered at the field", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-time]", "data-state", "manual");
+  const type = async (selector, words, key = "Enter") => {
+    const input = await page.waitForSelector(selector);
+    await input.scrollIntoView();
+    await input.click({ count: 3 });
+    await input.press("Backspace");
+    await input.type(words);
+    await input.press(key);
+  };
+  const note = selector => textOf(page, `${selector} + .field-note`);
+  const factor = "[aria-label='Times faster than real time']", seconds = "[aria-label='Seconds to advance']", code = "[aria-label='Exception: code']";
+  for (const words of ["2.5", "0", "1001"]) {
+    await type(factor, words);
+    assert.equal(await note(factor), "The factor takes a whole number from 1 to 1000.", words);
+  }
+  await sees(page, "[data-time]", "data-state", "manual");
+  await type(seconds, "");
+  assert.equal(await note(seconds), "Advance takes a number from 0 to 86400.");
+  await sees(page, "[data-time]", "data-value", 0);
+  for (const words of ["0", "256", "-1"]) {
+    await type(code, words);
+    assert.equal(await note(code), "Exception takes a whole number from 1 to 255.", words);
+  }
+  await type(code, "6");
+  await page.waitForFunction(code => !document.querySelector(`${code} + .field-note`), {}, code);
+}, "--time", "manual"));
+
 test("a field shows again what the drive has when its value is refused", async () => {
   const bench = await run("mdrive", "--fast-boot");
   const { page, faults } = await open(browser, `${bench.control}/#/mdrive`);
