@@ -99,6 +99,7 @@ export function registersCard(app, drive, kind) {
       const now = app.store.state.drive;
       const isAll = whole || changes.drive?.powered !== undefined;
       for (const [name, row] of isAll ? rows : Object.keys(changes.drive?.registers ?? {}).map(name => [name, rows.get(name)])) {
+        if (changes.drive?.powered) row.excuse();
         // Without power nobody can read a value. A board that cannot be reached has none either.
         const isNew = row?.set(now?.powered ? now.registers?.[name] : undefined);
         if (isNew && !whole) {
@@ -178,6 +179,8 @@ function makeRow(app, drive, register, asHex) {
       refused.replaceChildren(el("b", {}, `Refused at ${clock(frame.at)} s: `), frame.text, frame.reason ? `: ${frame.reason}` : "");
       node.classList.add("has-refusal");
     },
+    /** Takes back the sentence of a refused value: the power is back. */
+    excuse: () => fail(null),
     forgive() {
       row.refused = false;
       refusal.hidden = true;

@@ -121,6 +121,16 @@ test("a drive without power has no known values", () => withMd3(async ({ page })
   await sees(page, "[data-register=Speed]", "data-value", 5000);
 }));
 
+test("a refusal for lack of power goes when the power is back", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-register=Speed]", "data-value", 5000);
+  await click(page, "[data-action=power-off]");
+  await page.waitForSelector("[data-register=Speed]:not([data-value])");
+  await edit(page, "Speed", "8000");
+  await sees(page, "[data-register=Speed]", "data-error", "md3 has no power");
+  await click(page, "[data-action=power-on]");
+  await page.waitForSelector("[data-register=Speed]:not([data-error])");
+}));
+
 test("commas between thousands are left out, and a list is no number", () => withMd3(async ({ page }) => {
   await sees(page, "[data-register=Speed]", "data-value", 5000);
   await edit(page, "Speed", "10,000");

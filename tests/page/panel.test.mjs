@@ -124,10 +124,19 @@ test("a bench that ends shows as lost, and comes back", async () => {
   const { page } = await open(browser, `${bench.control}/#/md3`);
   try {
     await sees(page, "[data-motion=position]", "data-value", 0);
+    // The second bench has less time behind it.
+    await bench.call("PUT", "api/time", { mode: "manual" });
+    await bench.call("POST", "api/time/advance", { seconds: 3600 });
+    await page.waitForFunction(() => document.querySelector("[data-time]").dataset.value >= 3600);
+    await click(page, "[data-action=record]");
+    await sees(page, "[data-action=record]", "data-state", "on");
     await bench.stop();
     await page.waitForSelector("html.lost", { timeout: 10_000 });
+    assert.equal(await page.$eval("#downloads", node => node.inert), true);
     bench = await run("md3", "--fast-boot", "--control", control);
     await page.waitForSelector("html:not(.lost)", { timeout: 10_000 });
+    assert.match(await textOf(page, ".notice"), /^The bench has started again: /);
+    await sees(page, "[data-action=record]", "data-state", "off");
   } finally {
     await page.close();
     await bench.stop();
