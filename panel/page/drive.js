@@ -152,6 +152,7 @@ function header(app, name, kind) {
         for (const line of lines) failures.unanswered += line.unanswered ?? 0;
         const words = failuresInWords(failures);
         refused.hidden = words === "";
+        refused.classList.toggle("warn", failures.refused === 0); // as in the list
         text(refused, words);
       }
     },

@@ -49,6 +49,8 @@ export function registersCard(app, drive, kind) {
     rows.set(register.name, row);
     list.append(row.node);
   }
+  // All rows have the same columns, so that values stand below each other.
+  list.style.setProperty("--section", `${Math.min(16, Math.max(...kind.registers.map(register => sectionOf(register).length)))}ch`);
   // One stop of the Tab key for the whole table; the arrow keys go from row to row.
   let current = null;
   const stopAt = row => {
@@ -142,7 +144,7 @@ function makeRow(app, drive, register, asHex) {
     title, input,
     el("span", { class: "access", title: { "R/W": "read and write", R: "read only", W: "write only", "-": "not accessible" }[access] }, access === "-" ? "–" : access),
     el("p", { class: "doc" }, doc),
-    el("span", { class: "section", title: "Section of the manual" }, /^[\d.]+$/.test(section) ? `§ ${section}` : section),
+    el("span", { class: "section", title: `Section of the manual: ${section}` }, sectionOf(register)),
     hasFields ? means : null, error, refusal, more);
 
   const shown = () => {
@@ -260,6 +262,8 @@ function makeRow(app, drive, register, asHex) {
   };
   return row;
 }
+
+const sectionOf = ({ section }) => (/^[\d.]+$/.test(section) ? `§ ${section}` : section);
 
 /** A long name that may break before its words. */
 const breakable = name => name.split(/(?<=[a-z])(?=[A-Z])|(?<=_)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part]));

@@ -281,6 +281,21 @@ test("frames outside the marked part are cut out", () => withMd3(async ({ page }
   assert.deepEqual(types, [[0x0a0d0d0a, 0], [1, 0], [6, 5e9]]);
 }));
 
+for (const width of [390, 1280, 1440]) {
+  test(`values of registers stand below each other, ${width} px`, async () => {
+    const bench = await run("md3", "--fast-boot");
+    const { page } = await open(browser, `${bench.control}/#/md3`, { width });
+    try {
+      await page.waitForSelector("[data-register]");
+      const ends = await page.$$eval("input[data-edit]", nodes => nodes.slice(0, 40).map(node => Math.round(node.getBoundingClientRect().right)));
+      assert.equal(new Set(ends).size, 1, `${ends}`);
+    } finally {
+      await page.close();
+      await bench.stop();
+    }
+  });
+}
+
 for (const kind of ["md3", "qsb-d", "rs434544", "mdrobot", "mdrive"]) {
   test(`the first registers of ${kind} are seen without scrolling`, async () => {
     const bench = await run(kind, "--fast-boot");
