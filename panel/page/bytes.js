@@ -57,6 +57,20 @@ export function parts(hex, isAnswer) {
   return [[pairs(bytes), bytes.length >= 4 ? "no valid frame: the CRC does not match" : "too short for a frame"]];
 }
 
+/** The hint for a request to addresses without a register that has registers one beside them; undefined for others. */
+export function besideRegisters(request, registers) {
+  const bytes = toBytes(request);
+  const [code, ...rest] = bytes.length >= 4 && crc(bytes) === 0 ? bytes.slice(1, -2) : bytes.slice(7);
+  const space = { 1: "coil", 2: "discrete", 3: "holding", 4: "input", 5: "coil", 6: "holding", 15: "coil", 16: "holding" }[code];
+  if (!space || rest.length < 4) return undefined;
+  const first = word(rest, 0), count = [5, 6].includes(code) ? 1 : word(rest, 2);
+  const exists = at => registers.some(register => register.space === space && at >= register.address && at < register.address + register.addresses);
+  const allFrom = from => Array.from({ length: Math.min(count, 2000) }, (_, i) => from + i).every(exists);
+  const other = allFrom(first) ? undefined : [first - 1, first + 1].find(allFrom);
+  return other === undefined ? undefined
+    : `Is it one off? There is a register at 0x${other.toString(16).toUpperCase().padStart(4, "0")} (${other}). The manuals of these drives and pymodbus count registers from 0, some masters, such as mbpoll, from 1.`;
+}
+
 function pdu(bytes, isAnswer) {
   const code = bytes[0];
   const list = [];
@@ -68,7 +82,7 @@ function pdu(bytes, isAnswer) {
     at += count;
   };
   const number = name => piece => `${name} ${piece.length > 1 ? word(piece, 0) : piece[0]}`;
-  const address = piece => `${[1, 5, 15].includes(code) ? "coil" : code === 2 ? "discrete input" : "register"} 0x${word(piece, 0).toString(16).toUpperCase().padStart(4, "0")}`;
+  const address = piece => `${[1, 5, 15].includes(code) ? "coil" : code === 2 ? "discrete input" : "register"} 0x${word(piece, 0).toString(16).toUpperCase().padStart(4, "0")} (${word(piece, 0)})`;
   const words = () => {
     while (at + 1 < bytes.length) take(2, piece => String(word(piece, 0)));
   };

@@ -35,6 +35,20 @@ export function attr(node, name, value) {
 export const button = (content, attributes, action) =>
   el("button", { type: "button", ...attributes, onclick: action }, content);
 
+/** The number in a field from the `least` to the greatest allowed one, or null: then a sentence is shown at the field. */
+export function numberOf(input, what, least, greatest, isWhole = true) {
+  const value = Number(input.value);
+  const fits = input.value !== "" && input.validity.badInput === false && value >= least && value <= greatest && (!isWhole || Number.isInteger(value));
+  let note = input.parentNode.querySelector(".field-note");
+  if (fits) note?.remove();
+  else {
+    if (!note) input.after(note = el("span", { class: "field-note", role: "alert" }));
+    text(note, `${what} takes a ${isWhole ? "whole " : ""}number from ${least} to ${greatest}.`);
+  }
+  attr(input, "aria-invalid", fits ? null : true);
+  return fits ? value : null;
+}
+
 /** A section with a heading and further controls in its head. */
 export function card(title, attributes, head, ...body) {
   const heading = el("h2", {}, title);

@@ -64,6 +64,7 @@ export function downloads(app, node) {
       if (changes.cannot !== undefined) greyed(node, app.cannot("trace"));
       if (whole && from !== null && now() < from) { // another bench
         from = to = null;
+        app.say("The bench has started again: the part that was marked for saving is gone.");
         show();
       }
       if (changes.time && from !== null && to === null) elapsed();

@@ -90,16 +90,34 @@ export function driveView(app, name) {
   };
 }
 
+/** Drives whose power fails in their next save, as far as this page knows: the bench does not tell. Each has the notice that said so. */
+const cuts = new Map();
+
 /** Name, product and power. */
 function header(app, name, kind) {
   const power = action => app.act("POST", `drives/${encodeURIComponent(name)}/power`, { action });
+  const now = () => app.store.state.time?.seconds ?? 0;
+  let isOff = false, cycledAt = -1; // this page has switched the power off; bench time of its last cycle, which is a tick without power
+  const off = async () => {
+    isOff = true;
+    if (!(await power("off")).ok) isOff = false;
+  };
+  const arm = note => {
+    cuts.get(name)?.remove();
+    if (note) cuts.set(name, note);
+    else cuts.delete(name);
+    attr(cut, "aria-pressed", cuts.has(name));
+  };
   const on = button("On", { "data-action": "power-on" }, () => power("on"));
-  const off = button("Off", { "data-action": "power-off" }, () => power("off"));
-  const cycle = button("Cycle", { "data-action": "power-cycle", title: "Off, and at once on again" }, () => power("cycle"));
-  const cut = button("Cut in next save", { "data-action": "power-cut", title: "The drive runs on, until its power fails in the middle of its next save" }, async () => {
-    if ((await power("cut")).ok) app.say("The power fails in the middle of the next save of this drive.");
+  const offButton = button("Off", { "data-action": "power-off" }, off);
+  const cycle = button("Cycle", { "data-action": "power-cycle", title: "Off, and at once on again" }, () => {
+    cycledAt = now();
+    power("cycle");
   });
-  const group = el("div", { class: "segments", role: "group", "aria-label": "Power" }, on, off, cycle, cut);
+  const cut = button("Cut in next save", { "data-action": "power-cut", "aria-pressed": cuts.has(name), title: "The drive runs on, until its power fails in the middle of its next save. Off and on do not change this." }, async () => {
+    if ((await power("cut")).ok) arm(app.say("The power fails in the middle of the next save of this drive, also if it was off before."));
+  });
+  const group = el("div", { class: "segments", role: "group", "aria-label": "Power" }, on, offButton, cycle, cut);
   const wrap = el("div", { class: "power" }, el("span", { class: "hint" }, "Power"), group);
   const refused = el("a", { href: "#traffic", class: "badge big", hidden: true });
   refused.addEventListener("click", event => {
@@ -117,7 +135,9 @@ function header(app, name, kind) {
       if (whole || changes.drive?.powered !== undefined) {
         attr(node, "data-state", drive.powered ? "on" : "off");
         attr(on, "aria-pressed", drive.powered);
-        attr(off, "aria-pressed", !drive.powered);
+        attr(offButton, "aria-pressed", !drive.powered);
+        if (drive.powered) isOff = false;
+        else if (!isOff && now() - cycledAt > 1e-3) arm(null); // the cut has come
       }
       if (whole || changes.cannot !== undefined) {
         greyed(wrap, app.cannot("power"));
@@ -132,6 +152,7 @@ function header(app, name, kind) {
         for (const line of lines) failures.unanswered += line.unanswered ?? 0;
         const words = failuresInWords(failures);
         refused.hidden = words === "";
+        refused.classList.toggle("warn", failures.refused === 0); // as in the list
         text(refused, words);
       }
     },

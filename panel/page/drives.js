@@ -58,7 +58,7 @@ export function driveList(app, node) {
   const draw = (row, name) => {
     const drive = app.store.state.drives?.[name];
     if (!drive) return;
-    text(row.kind, drive.powered ? drive.kind : `${drive.kind} · no power`);
+    text(row.kind, drive.powered ? drive.kind : `no power · ${drive.kind}`);
     const state = !drive.powered ? "off" : drive.fault ? "fault" : drive.moving ? "moving" : "idle";
     attr(row.lamp, "data-state", state);
     attr(row.lamp, "title", { off: "no power", fault: "has a fault", moving: "moving", idle: "powered, not moving" }[state]);

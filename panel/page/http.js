@@ -1,6 +1,8 @@
 // A bench behind the control API: fetch for calls, server-sent events for what happens.
 
 const SLOWEST_RETRY = 4000;
+const QUIET = 1000; // milliseconds without an update after which the bench is asked whether it is there
+const HUNG = 3000; // milliseconds without a word after which it is said to hang
 
 async function call(method, path, body) {
   let response;
@@ -40,11 +42,40 @@ async function refusalOf(path) {
 function follow(drive, onUpdate, onConnection) {
   const path = drive === null ? "api/live" : `api/live?drive=${encodeURIComponent(drive)}`;
   let source, retry, stopped = false, wait = 250;
+  let heard = null, isHung = false; // time of the last word; null while there is no connection
+  const hear = () => {
+    if (heard === null) return;
+    heard = performance.now();
+    if (isHung) onConnection(true);
+    isHung = false;
+  };
+  // A bench that hangs keeps its connections, and one whose time stands sends nothing: only an answer tells them apart.
+  const abort = new AbortController();
+  let isAsked = false;
+  const ask = async () => {
+    if (isAsked) return;
+    isAsked = true;
+    try {
+      await fetch(drive === null ? "api/buses" : `api/drives/${encodeURIComponent(drive)}`, { signal: abort.signal });
+      hear();
+    } catch {
+      // The stream tells of a lost connection.
+    }
+    isAsked = false;
+  };
+  const watch = setInterval(() => {
+    const quiet = heard === null ? 0 : performance.now() - heard;
+    isHung = quiet >= HUNG;
+    if (isHung) onConnection(`No answer for ${Math.floor(quiet / 1000)} s`);
+    if (quiet >= QUIET) ask();
+  }, QUIET / 2);
   const connect = () => {
     let whole = true;
+    heard = performance.now();
     source = new EventSource(path);
     source.addEventListener("update", event => {
       wait = 250;
+      hear();
       if (whole) onConnection(true);
       onUpdate(JSON.parse(event.data), whole);
       whole = false;
@@ -53,6 +84,8 @@ function follow(drive, onUpdate, onConnection) {
       source.close();
       const refusal = await refusalOf(path);
       if (stopped) return;
+      heard = null;
+      isHung = false;
       if (refusal?.status === 404 || refusal?.status === 422) return onConnection(refusal.detail, true); // no such drive
       onConnection(refusal ? `${refusal.detail}; trying again` : "Connection lost; trying again");
       retry = setTimeout(connect, wait);
@@ -63,6 +96,8 @@ function follow(drive, onUpdate, onConnection) {
   return () => {
     stopped = true;
     clearTimeout(retry);
+    clearInterval(watch);
+    abort.abort();
     source.close();
   };
 }

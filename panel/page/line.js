@@ -1,6 +1,6 @@
 // Faults of a line or TCP port, as sliders. A call sets all faults at once, so each change sends all of them.
 
-import { attr, button, card, el, greyed, text } from "./dom.js";
+import { attr, button, card, el, greyed, numberOf, text } from "./dom.js";
 import { number, percent } from "./format.js";
 
 const RATES = [
@@ -23,7 +23,7 @@ export function lineCard(app, name, attributes = {}) {
     const faults = { ...bus()?.faults, ...change };
     const body = Object.fromEntries(Object.entries(faults).filter(([key, value]) =>
       key !== "exception_code" && value !== 0 && value !== false && value !== null));
-    if (faults.exception) body.exception_code = Number(code.value);
+    if (faults.exception) body.exception_code = numberOf(code, "Exception", 1, 255) ?? faults.exception_code ?? 4;
     await app.act("PUT", `buses/${encodeURIComponent(name)}/faults`, body);
   };
 
@@ -57,7 +57,7 @@ export function lineCard(app, name, attributes = {}) {
   sliders.push(slider("delay_ms", "Delay answers", MOST_DELAY, value => (value ? `${number(value)} ms` : "off"), value => value, value => Math.min(MOST_DELAY, value)));
   const mute = button("Mute", { class: "toggle", role: "switch", "aria-checked": false, title: "No answer is delivered" }, () => send({ mute: !bus()?.faults.mute }));
   const code = el("input", { type: "number", min: 1, max: 255, value: 4, class: "tiny", "aria-label": "Exception: code" });
-  code.addEventListener("change", () => bus()?.faults.exception && send({}));
+  code.addEventListener("change", () => numberOf(code, "Exception", 1, 255) !== null && bus()?.faults.exception && send({}));
   const baud = el("select", { "aria-label": "Baud rate of the master" }, el("option", { value: "" }, "as the drive"),
     [1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200, 230400].map(rate => el("option", { value: rate }, `${rate} baud`)));
   baud.addEventListener("change", () => send({ baud: baud.value === "" ? null : Number(baud.value) }));

@@ -14,9 +14,25 @@ const $ = id => document.getElementById(id);
 const store = new Store();
 const kinds = new Map();
 
+const SLOW = 2000; // milliseconds that a call waits in silence
+let slow = 0, slowNote = null; // calls that wait longer
+
+/** Makes a call; one that waits long says so. */
+async function call(method, path, body) {
+  let isSlow = false;
+  const late = setTimeout(() => {
+    isSlow = true;
+    if (slow++ === 0) slowNote = app.say("The bench has not answered for 2 s; the call still waits.", null);
+  }, SLOW);
+  const answer = await backend.call(method, path, body);
+  clearTimeout(late);
+  if (isSlow && --slow === 0) slowNote.remove();
+  return answer;
+}
+
 /** What the views share. */
 const app = {
-  backend,
+  backend: { ...backend, call },
   store,
   histories: new Histories(),
   /** Numbers of messages to a drive that it refused, and that had no answer. */
@@ -27,7 +43,7 @@ const app = {
   /** The description of a kind, asked for once. */
   async kind(name) {
     if (!kinds.has(name)) {
-      const answer = await backend.call("GET", `kinds/${encodeURIComponent(name)}`);
+      const answer = await call("GET", `kinds/${encodeURIComponent(name)}`);
       if (!answer.ok) return null;
       kinds.set(name, answer.body);
     }
@@ -35,18 +51,19 @@ const app = {
   },
   /** Makes a call, and shows the sentence of a refusal. */
   async act(method, path, body) {
-    const answer = await backend.call(method, path, body);
+    const answer = await call(method, path, body);
     if (!answer.ok) app.say(answer.body?.detail ?? `The bench refused the call (${answer.status}).`);
     return answer;
   },
-  /** Shows a sentence for a while. */
-  say(sentence) {
+  /** Shows a sentence for a while, or with `null` until its node is removed; gives the node. */
+  say(sentence, milliseconds = 10_000) {
     const close = button("Close", { class: "ghost" }, () => note.remove());
     const note = el("div", { class: "notice" }, el("span", {}, sentence), close);
     const notices = $("notices");
     if (notices.childElementCount >= 3) notices.firstElementChild.remove();
     notices.append(note);
-    setTimeout(() => note.remove(), 10_000);
+    if (milliseconds !== null) setTimeout(() => note.remove(), milliseconds);
+    return note;
   },
   /** The reason why this bench cannot do something, by the names of the contract; undefined if it can. */
   cannot: (...names) => names.map(name => store.state.cannot?.[name]).find(reason => reason !== undefined),
@@ -76,14 +93,20 @@ function route() {
   if (name === shown && !missing) return;
   shown = name;
   missing = false;
-  stop();
   view?.close();
   view = null;
   setList(false);
   clearTimeout(opening);
   opening = setTimeout(() => view || missing || $("content").replaceChildren(el("p", { class: "empty" }, "Connecting to the bench…")), 400);
-  stop = backend.follow(name, onUpdate, onConnection);
+  follow();
   list.choose(name);
+}
+
+/** Follows the shown drive, or the bench. A hidden page holds no connection: a browser has six for each host. */
+function follow() {
+  stop();
+  stop = () => {};
+  if (!document.hidden) stop = backend.follow(missing ? null : shown, onUpdate, onConnection);
 }
 
 function onUpdate(update, whole) {
@@ -131,12 +154,12 @@ function onConnection(state, isFinal = false) {
     view = null;
     $("content").replaceChildren(el("div", { class: "empty" }, el("h1", {}, "No such drive"), el("p", {}, `${state}.`), el("a", { href: "#/" }, "Show the bench")));
     text($("link"), "");
-    stop();
     missing = true;
-    stop = backend.follow(null, onUpdate, onConnection); // for the list
+    follow(); // the bench, for the list
     return;
   }
   document.documentElement.classList.toggle("lost", lost);
+  $("time").inert = $("downloads").inert = lost; // nothing to set, and nothing to record
   $("link").className = lost ? "lost" : "";
   text($("link"), lost ? state : "");
 }
@@ -181,10 +204,9 @@ document.addEventListener("keydown", event => {
     list.focus();
   }
 });
-// A page that the browser keeps for its Back button must hold no connection: there are six for each host.
+document.addEventListener("visibilitychange", follow);
+// Nor does a page that the browser keeps for its Back button.
 addEventListener("pagehide", () => stop());
-addEventListener("pageshow", event => {
-  if (event.persisted) stop = backend.follow(missing ? null : shown, onUpdate, onConnection);
-});
+addEventListener("pageshow", event => event.persisted && follow());
 addEventListener("hashchange", route);
 route();

@@ -158,6 +158,7 @@ export function plotCard(units, samples) {
     const from = end === null ? 0 : right();
     const first = end === null ? 0 : Math.floor(from / step) * step - from;
     for (let offset = first; offset >= -span - 1e-9; offset -= step) {
+      if (end !== null && from + offset < -1e-9) break; // the bench began at 0
       const x = Math.round(xAt(right() + offset)) + 0.5;
       rule(x, TOP, x, bottom);
       const label = end !== null ? clock(Math.max(0, from + offset), digits) : offset === 0 ? "now" : inMinutes ? `${number(offset / 60, step >= 60 ? 0 : step === 30 ? 1 : 2)} min` : `${number(offset, digits)} s`;

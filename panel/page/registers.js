@@ -49,6 +49,8 @@ export function registersCard(app, drive, kind) {
     rows.set(register.name, row);
     list.append(row.node);
   }
+  // All rows have the same columns, so that values stand below each other.
+  list.style.setProperty("--section", `${Math.min(16, Math.max(...kind.registers.map(register => sectionOf(register).length)))}ch`);
   // One stop of the Tab key for the whole table; the arrow keys go from row to row.
   let current = null;
   const stopAt = row => {
@@ -99,6 +101,7 @@ export function registersCard(app, drive, kind) {
       const now = app.store.state.drive;
       const isAll = whole || changes.drive?.powered !== undefined;
       for (const [name, row] of isAll ? rows : Object.keys(changes.drive?.registers ?? {}).map(name => [name, rows.get(name)])) {
+        if (changes.drive?.powered) row.excuse();
         // Without power nobody can read a value. A board that cannot be reached has none either.
         const isNew = row?.set(now?.powered ? now.registers?.[name] : undefined);
         if (isNew && !whole) {
@@ -141,7 +144,7 @@ function makeRow(app, drive, register, asHex) {
     title, input,
     el("span", { class: "access", title: { "R/W": "read and write", R: "read only", W: "write only", "-": "not accessible" }[access] }, access === "-" ? "–" : access),
     el("p", { class: "doc" }, doc),
-    el("span", { class: "section", title: "Section of the manual" }, /^[\d.]+$/.test(section) ? `§ ${section}` : section),
+    el("span", { class: "section", title: `Section of the manual: ${section}` }, sectionOf(register)),
     hasFields ? means : null, error, refusal, more);
 
   const shown = () => {
@@ -150,9 +153,14 @@ function makeRow(app, drive, register, asHex) {
   };
   const row = {
     node, input, changed: false, refused: false,
-    words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${address ?? ""} ${section}`.toLowerCase(),
+    words: `${name} ${doc} ${register.fields?.map(field => field.name).join(" ") ?? ""} ${hex(address ?? 0)} ${hex(address ?? 0, 0)} ${address ?? ""} ${section}`.toLowerCase(),
     draw() {
-      if (!edited) input.value = shown();
+      if (!edited && input.value !== shown()) {
+        // What is selected whole stays so: the next digit begins a new number.
+        const isAll = document.activeElement === input && input.selectionStart === 0 && input.selectionEnd === input.value.length;
+        input.value = shown();
+        if (isAll) input.select();
+      }
       if (hasFields) text(means, typeof value === "number" ? meaning(register.fields, value) : "");
       parts.forEach(part => (part.node.hidden = typeof value !== "number"));
       if (typeof value !== "number") return;
@@ -173,6 +181,8 @@ function makeRow(app, drive, register, asHex) {
       refused.replaceChildren(el("b", {}, `Refused at ${clock(frame.at)} s: `), frame.text, frame.reason ? `: ${frame.reason}` : "");
       node.classList.add("has-refusal");
     },
+    /** Takes back the sentence of a refused value: the power is back. */
+    excuse: () => fail(null),
     forgive() {
       row.refused = false;
       refusal.hidden = true;
@@ -203,9 +213,11 @@ function makeRow(app, drive, register, asHex) {
     if (typed === null) return fail(`'${input.value}' is not a number; write it as 10, -10 or 0x0A${isList ? ", with commas between the words" : ""}`);
     if ([typed].flat().some(number => !Number.isSafeInteger(number))) return fail(`'${input.value}' is too large`);
     if (Array.isArray(typed) && !isList) return fail(`${name} takes one number, not ${typed.length}`);
+    input.select();
     await write(typed);
   };
   const write = async typed => {
+    const before = input.value;
     const answer = await app.backend.call("PUT", `drives/${encodeURIComponent(drive)}/registers/${encodeURIComponent(name)}`, { value: typed });
     if (!answer.ok) {
       // The fields have not taken the value: they show again what the drive has.
@@ -215,7 +227,7 @@ function makeRow(app, drive, register, asHex) {
     // The next update has what the drive made of the value.
     fail(null);
     row.forgive();
-    revert();
+    if (input.value === before) revert(); // otherwise the next value is typed already
   };
   input.addEventListener("keydown", event => {
     if (event.key === "Enter") commit();
@@ -250,6 +262,8 @@ function makeRow(app, drive, register, asHex) {
   };
   return row;
 }
+
+const sectionOf = ({ section }) => (/^[\d.]+$/.test(section) ? `§ ${section}` : section);
 
 /** A long name that may break before its words. */
 const breakable = name => name.split(/(?<=[a-z])(?=[A-Z])|(?<=_)/).flatMap((part, i) => (i ? [el("wbr"), part] : [part]));

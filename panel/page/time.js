@@ -1,13 +1,16 @@
 // The bench's clock: real, N times faster, or manual with advance and "to the next event".
 
-import { attr, button, el, greyed, text } from "./dom.js";
+import { attr, button, el, greyed, numberOf, text } from "./dom.js";
 import { clock } from "./format.js";
 
 export function timeControl(app, node) {
   const now = el("span", { class: "clock", "data-time": "", role: "timer", "aria-label": "Bench time" });
   const factor = el("input", { type: "number", min: 1, max: 1000, step: 1, value: 10, class: "tiny", "aria-label": "Times faster than real time" });
   const set = mode => app.act("PUT", "time", { mode });
-  const faster = () => set(`x${Math.round(Number(factor.value)) || 1}`);
+  const faster = () => {
+    const times = numberOf(factor, "The factor", 1, 1000);
+    if (times !== null) set(`x${times}`);
+  };
   const real = button("Real", { "data-action": "time-real" }, () => set("real"));
   const times = button("×", { "data-action": "time-faster", "aria-label": "Faster than real time" }, faster);
   const manual = button("Manual", { "data-action": "time-manual" }, () => set("manual"));
@@ -20,7 +23,10 @@ export function timeControl(app, node) {
     await app.act("POST", "time/advance", body);
     steps.removeAttribute("aria-busy");
   };
-  const advance = button("Advance", { "data-action": "advance" }, () => busy({ seconds: Number(seconds.value) }));
+  const advance = button("Advance", { "data-action": "advance" }, () => {
+    const step = numberOf(seconds, "Advance", 0, 86400, false);
+    if (step !== null) busy({ seconds: step });
+  });
   const next = button("Next event", { "data-action": "advance-next" }, () => busy({ to: "next" }));
   seconds.addEventListener("keydown", event => event.key === "Enter" && advance.click());
   const steps = el("div", { class: "steps", hidden: true }, seconds, el("span", { class: "unit" }, "s"), advance, next);

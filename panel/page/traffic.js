@@ -1,7 +1,7 @@
 // Messages in words: what a master said, when, and how it ended. Only so many are kept; the troubled ones longer.
 
 import { attr, button, card, el, text } from "./dom.js";
-import { parts } from "./bytes.js";
+import { besideRegisters, parts } from "./bytes.js";
 import { clock, duration, number } from "./format.js";
 
 const KEPT = 1000; // frames
@@ -83,12 +83,26 @@ export function trafficCard(app, { drive = null } = {}) {
     next.querySelector("button").focus();
   });
 
+  /** Opens or closes a row. Its head stays where it is, or moves up just so far that the whole row is in sight. */
+  const keep = async (row, frame, change) => {
+    // The kind is known before the row opens, so that its height does not change later.
+    const name = frame.verdict === "refused" ? app.store.state.drives?.[frame.drive]?.kind : undefined;
+    const registers = name === undefined ? [] : (await app.kind(name))?.registers ?? [];
+    const top = () => row.getBoundingClientRect().top;
+    const earlier = top();
+    change(registers);
+    scroller.scrollTop += top() - earlier;
+    const { top: above, bottom: below } = scroller.getBoundingClientRect();
+    scroller.scrollTop += Math.max(0, Math.min(row.getBoundingClientRect().bottom - below, top() - above));
+    ours = isOpen() ? scroller.scrollTop : 0;
+  };
+
   /** Draws the list anew, after another filter. */
   const show = (most = ROWS) => {
     const source = filter === FILTERS[0] ? all : trouble;
     missed = 0;
     latest.hidden = true;
-    rows.replaceChildren(...source.filter(passes).slice(-most).map(frame => row(frame, drive)));
+    rows.replaceChildren(...source.filter(passes).slice(-most).map(frame => row(frame, drive, keep)));
     empty.hidden = rows.childElementCount > 0;
     if (total) text(empty, "No message passes the filter.");
     if (!atEnd || ours) scroller.scrollTop = 0;
@@ -160,7 +174,7 @@ export function trafficCard(app, { drive = null } = {}) {
         settled = setTimeout(() => atEnd && !isOpen() && show(), 3 * FLOOD_PAUSE);
       } else {
         const height = isOpen() ? rows.offsetHeight : 0;
-        rows.append(...fresh, ...passing.slice(-ROWS).map(frame => row(frame, drive)));
+        rows.append(...fresh, ...passing.slice(-ROWS).map(frame => row(frame, drive, keep)));
         while (rows.childElementCount > ROWS && !height) rows.firstElementChild.remove();
         empty.hidden = true;
         if (height) {
@@ -174,7 +188,7 @@ export function trafficCard(app, { drive = null } = {}) {
   };
 }
 
-function row(frame, ofDrive) {
+function row(frame, ofDrive, keep) {
   const isRead = frame.verdict === "done" && frame.text.startsWith("read ") && / = /.test(frame.outcome);
   const said = isRead ? `read ${frame.outcome}` : frame.text;
   const outcome = isRead || frame.sent || !frame.outcome || frame.outcome === "done" ? null : frame.outcome;
@@ -188,22 +202,26 @@ function row(frame, ofDrive) {
       outcome ? el("span", { class: "outcome" }, outcome) : null),
     verdict ? el("span", { class: "verdict" }, verdict) : null,
   ], { class: "frame", "aria-expanded": false, tabindex: -1 }, () => {
-    const open = line.getAttribute("aria-expanded") !== "true";
-    attr(line, "aria-expanded", open);
-    if (open) node.append(details(frame));
-    else node.lastChild.remove();
+    keep(node, frame, registers => {
+      const open = line.getAttribute("aria-expanded") !== "true";
+      attr(line, "aria-expanded", open);
+      if (open) node.append(details(frame, registers));
+      else node.lastChild.remove();
+    });
   });
   const node = el("li", { "data-traffic": frame.number ?? "sent", "data-verdict": frame.verdict, "data-unanswered": frame.unanswered, "data-at": frame.at, "data-of": frame.drive }, line);
   return node;
 }
 
 /** The bytes of a frame and of its answer, part by part. */
-function details(frame) {
+function details(frame, registers) {
+  const hint = frame.verdict === "refused" ? besideRegisters(frame.bytes ?? "", registers) : undefined;
   const list = (title, hex, isAnswer) => el("div", { class: "bytes" }, el("h3", {}, title),
     hex ? el("dl", {}, parts(hex, isAnswer).map(([bytes, meaning]) => el("div", {}, el("dt", {}, bytes), el("dd", {}, meaning))))
       : el("p", {}, "none"));
   return el("div", { class: "frame-details" },
     frame.reason && !frame.outcome.includes(frame.reason) ? el("p", { class: "why" }, el("b", {}, "Why: "), frame.reason) : null,
+    hint ? el("p", { class: "why" }, hint) : null,
     list(frame.sent ? "Sent by the drive" : "Request", frame.bytes, frame.sent ?? false),
     frame.sent ? null : list("Answer", frame.answer, true));
 }

@@ -31,6 +31,8 @@ export async function run(...args) {
       if (!answer.ok) throw new Error(`${method} ${path}: ${text}`);
       return text === "" ? null : JSON.parse(text);
     },
+    /** Makes the process hang, or go on. */
+    hang: yes => child.kill(yes ? "SIGSTOP" : "SIGCONT"),
     async stop() {
       child.kill("SIGTERM");
       if (child.exitCode === null && child.signalCode === null) await once(child, "exit");
@@ -63,6 +65,12 @@ export async function open(browser, url, { width = 1440, height = 1000, theme = 
   await page.goto(url);
   return { page, faults };
 }
+
+/** Hides a page as another tab in front of it does, or shows it. */
+export const hide = (page, yes) => page.evaluate(hidden => {
+  Object.defineProperty(document, "hidden", { value: hidden, configurable: true });
+  document.dispatchEvent(new Event("visibilitychange"));
+}, yes);
 
 /** Waits until an element has this attribute value; fails with what it has instead. */
 export async function sees(page, selector, attribute, value) {

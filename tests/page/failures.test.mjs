@@ -10,7 +10,7 @@ import { browser as startBrowser, click, open, run, sees, textOf } from "./bench
 import { masterOf, runMd3 } from "./md3.mjs";
 
 // Registers of the MD3 User Guide, chapter 7.
-const DEVICE_ADDRESS = 0x00, RESERVED = 0x0b, MOTION_CONTROL = 0x11, SPEED_LOW = 0x15;
+const DEVICE_ADDRESS = 0x00, RESERVED = 0x0b, MOTION_CONTROL = 0x11, SPEED_LOW = 0x15, LAST = 0x1f;
 
 let browser;
 before(async () => { browser = await startBrowser(); });
@@ -69,6 +69,34 @@ test("a coil does not read as a register, and a missing function is no fault of 
   assert.equal(await page.$(".frame-details .why"), null);
 }));
 
+test("a refused message that is opened keeps its place", () => withMd3(async ({ master, page }) => {
+  await sees(page, "[data-motion=position]", "data-value", 0);
+  await assert.rejects(master.writeRegister(RESERVED, 5), { modbusCode: 2 });
+  for (let speed = 1; speed <= 20; speed++) await master.writeRegister(SPEED_LOW, speed);
+  await page.waitForSelector("[data-traffic='21']");
+  const row = "[data-traffic][data-verdict=refused]";
+  const place = () => page.$eval(row, node => node.getBoundingClientRect().top - node.closest(".frames-scroll").getBoundingClientRect().top);
+  await page.$eval(row, node => (node.closest(".frames-scroll").scrollTop = node.offsetTop - node.closest(".frames-scroll").scrollHeight));
+  const before = await place();
+  await page.click(`${row} button`);
+  await page.waitForSelector(".frame-details");
+  assert.ok(Math.abs(await place() - before) <= 1, `it was at ${before} px and is at ${await place()} px`);
+  await page.click(`${row} button`);
+  assert.ok(Math.abs(await place() - before) <= 1);
+}));
+
+test("an address without a register is also shown in decimal, with a hint if it is one off", () => withMd3(async ({ master, page }) => {
+  await sees(page, "[data-motion=position]", "data-value", 0);
+  // MD3 chapter 7: the last register is 0x1F.
+  for (const [number, address, hint] of [[1, 99, false], [2, LAST + 1, true]]) {
+    await assert.rejects(master.readHoldingRegisters(address, 1), { modbusCode: 2 });
+    await click(page, `[data-traffic='${number}'] button`);
+    const said = await textOf(page, `[data-traffic='${number}'] .frame-details`);
+    assert.ok(said.includes(`register 0x00${address.toString(16)} (${address})`), said);
+    assert.equal(/Is it one off\? There is a register at 0x001F \(31\)/.test(said), hint, said);
+  }
+}));
+
 test("the note of a refusal goes when the register is written, or when it is closed", () => withMd3(async ({ master, page }) => {
   await sees(page, "[data-register=DeviceAddress]", "data-value", 1);
   const refuse = async () => {
@@ -93,6 +121,16 @@ test("a drive without power has no known values", () => withMd3(async ({ page })
   await sees(page, "[data-register=Speed]", "data-value", 5000);
 }));
 
+test("a refusal for lack of power goes when the power is back", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-register=Speed]", "data-value", 5000);
+  await click(page, "[data-action=power-off]");
+  await page.waitForSelector("[data-register=Speed]:not([data-value])");
+  await edit(page, "Speed", "8000");
+  await sees(page, "[data-register=Speed]", "data-error", "md3 has no power");
+  await click(page, "[data-action=power-on]");
+  await page.waitForSelector("[data-register=Speed]:not([data-error])");
+}));
+
 test("commas between thousands are left out, and a list is no number", () => withMd3(async ({ page }) => {
   await sees(page, "[data-register=Speed]", "data-value", 5000);
   await edit(page, "Speed", "10,000");
@@ -101,6 +139,61 @@ test("commas between thousands are left out, and a list is no number", () => wit
   await sees(page, "[data-register=Speed]", "data-error", "Speed takes one number, not 2");
   await sees(page, "[data-register=Speed]", "data-value", 10_000);
 }));
+
+test("a number that is typed after Enter begins anew", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-register=Speed]", "data-value", 5000);
+  await edit(page, "Speed", "8000");
+  await sees(page, "[data-register=Speed]", "data-value", 8000);
+  await page.keyboard.type("7000");
+  await page.keyboard.press("Enter");
+  await sees(page, "[data-register=Speed]", "data-value", 7000);
+  // Nor does it matter whether the bench has answered.
+  await page.keyboard.type("6000");
+  await page.keyboard.press("Enter");
+  await page.keyboard.type("9000");
+  await page.keyboard.press("Enter");
+  await sees(page, "[data-register=Speed]", "data-value", 9000);
+}));
+
+test("a register is found by its address with and without leading zeros", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-register=Speed]", "data-value", 5000);
+  for (const words of ["0x11", "0x0011", "17"]) {
+    await page.$eval("#registers input[type=search]", (input, words) => {
+      input.value = words;
+      input.dispatchEvent(new Event("input"));
+    }, words);
+    assert.equal(await page.$("[data-register=MotionControl][hidden]"), null, words);
+    assert.notEqual(await page.$("[data-register=DeviceAddress][hidden]"), null, words);
+  }
+}));
+
+test("a number that a field cannot take is answered at the field", () => withMd3(async ({ page }) => {
+  await sees(page, "[data-time]", "data-state", "manual");
+  const type = async (selector, words, key = "Enter") => {
+    const input = await page.waitForSelector(selector);
+    await input.scrollIntoView();
+    await input.click({ count: 3 });
+    await input.press("Backspace");
+    await input.type(words);
+    await input.press(key);
+  };
+  const note = selector => textOf(page, `${selector} + .field-note`);
+  const factor = "[aria-label='Times faster than real time']", seconds = "[aria-label='Seconds to advance']", code = "[aria-label='Exception: code']";
+  for (const words of ["2.5", "0", "1001"]) {
+    await type(factor, words);
+    assert.equal(await note(factor), "The factor takes a whole number from 1 to 1000.", words);
+  }
+  await sees(page, "[data-time]", "data-state", "manual");
+  await type(seconds, "");
+  assert.equal(await note(seconds), "Advance takes a number from 0 to 86400.");
+  await sees(page, "[data-time]", "data-value", 0);
+  for (const words of ["0", "256", "-1"]) {
+    await type(code, words);
+    assert.equal(await note(code), "Exception takes a whole number from 1 to 255.", words);
+  }
+  await type(code, "6");
+  await page.waitForFunction(code => !document.querySelector(`${code} + .field-note`), {}, code);
+}, "--time", "manual"));
 
 test("a field shows again what the drive has when its value is refused", async () => {
   const bench = await run("mdrive", "--fast-boot");
@@ -187,6 +280,21 @@ test("frames outside the marked part are cut out", () => withMd3(async ({ page }
   // The packet at 5 s is the only one of type 6.
   assert.deepEqual(types, [[0x0a0d0d0a, 0], [1, 0], [6, 5e9]]);
 }));
+
+for (const width of [390, 1280, 1440]) {
+  test(`values of registers stand below each other, ${width} px`, async () => {
+    const bench = await run("md3", "--fast-boot");
+    const { page } = await open(browser, `${bench.control}/#/md3`, { width });
+    try {
+      await page.waitForSelector("[data-register]");
+      const ends = await page.$$eval("input[data-edit]", nodes => nodes.slice(0, 40).map(node => Math.round(node.getBoundingClientRect().right)));
+      assert.equal(new Set(ends).size, 1, `${ends}`);
+    } finally {
+      await page.close();
+      await bench.stop();
+    }
+  });
+}
 
 for (const kind of ["md3", "qsb-d", "rs434544", "mdrobot", "mdrive"]) {
   test(`the first registers of ${kind} are seen without scrolling`, async () => {

@@ -49,6 +49,10 @@ atEach("a limit switch is pressed and let go", async ({ bench, page }) => {
   assert.equal((await bench.call("GET", "drives/md3")).pins["J2.2"], "low");
   await click(page, "[data-pin='J2.2'] [data-set=open]");
   await sees(page, "[data-pin='J2.2']", "data-state", "high");
+  // Nothing drives the pin: its pull-up gives the level.
+  assert.equal(await textOf(page, "[data-pin='J2.2'] .level"), "high");
+  await sees(page, "[data-pin='J2.2'] [data-set=open]", "aria-pressed", true);
+  await sees(page, "[data-pin='J2.2'] [data-set=high]", "aria-pressed", false);
 });
 
 atEach("a wrong value is refused with the sentence of the table", async ({ bench, page }) => {
@@ -73,10 +77,20 @@ atEach("a wrong value is refused with the sentence of the table", async ({ bench
 
 atEach("the power fails in the middle of a save", async ({ bench, page }) => {
   await sees(page, "[data-motion=position]", "data-value", 0);
+  await sees(page, "[data-action=power-cut]", "aria-pressed", false);
   await click(page, "[data-action=power-cut]");
+  await sees(page, "[data-action=power-cut]", "aria-pressed", true);
+  // Off and on leave it armed.
+  await click(page, "[data-action=power-off]");
+  await sees(page, "[data-action=power-off]", "aria-pressed", true);
+  await click(page, "[data-action=power-on]");
+  await sees(page, "[data-action=power-on]", "aria-pressed", true);
+  await sees(page, "[data-action=power-cut]", "aria-pressed", true);
   // 7.20: bit 0 saves all registers.
   await bench.write("EEPROMControl", 1).catch(() => {});
   await sees(page, "[data-action=power-off]", "aria-pressed", true);
+  await sees(page, "[data-action=power-cut]", "aria-pressed", false);
+  assert.equal(await page.$(".notice"), null);
   await click(page, "[data-action=power-on]");
   await sees(page, "[data-action=power-on]", "aria-pressed", true);
 });
@@ -110,10 +124,19 @@ test("a bench that ends shows as lost, and comes back", async () => {
   const { page } = await open(browser, `${bench.control}/#/md3`);
   try {
     await sees(page, "[data-motion=position]", "data-value", 0);
+    // The second bench has less time behind it.
+    await bench.call("PUT", "api/time", { mode: "manual" });
+    await bench.call("POST", "api/time/advance", { seconds: 3600 });
+    await page.waitForFunction(() => document.querySelector("[data-time]").dataset.value >= 3600);
+    await click(page, "[data-action=record]");
+    await sees(page, "[data-action=record]", "data-state", "on");
     await bench.stop();
     await page.waitForSelector("html.lost", { timeout: 10_000 });
+    assert.equal(await page.$eval("#downloads", node => node.inert), true);
     bench = await run("md3", "--fast-boot", "--control", control);
     await page.waitForSelector("html:not(.lost)", { timeout: 10_000 });
+    assert.match(await textOf(page, ".notice"), /^The bench has started again: /);
+    await sees(page, "[data-action=record]", "data-state", "off");
   } finally {
     await page.close();
     await bench.stop();
