@@ -272,7 +272,8 @@ impl Device for Vfd {
     ) -> Result<(), PresetError> {
         let register = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         let entry = Reg::ENTRIES.list.get(row).ok_or(PresetError::NoSuchRegister)?;
-        if matches!(register, Reg::Frequency | Reg::Status) {
+        // Without power only saved registers can be preset, and there are none.
+        if !entry.access.writes() || self.serial.receives_from() == Instant::NEVER {
             return Err(PresetError::ReadOnly);
         }
         if !entry.accepts(value) {
