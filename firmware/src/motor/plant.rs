@@ -1,37 +1,23 @@
 //! The contract between a drive and what it turns.
 
 use super::{Parameters, Rotation};
-use crate::device::{Instant, Output, Plan, Shaft};
+use crate::device::{Instant, Plan, Shaft};
 
 /// A command of a drive to its plant.
 #[derive(Clone, Copy, PartialEq, Debug)]
 #[non_exhaustive]
 pub enum Command<'a> {
-    /// [`Output::CurrentLimit`]: peak current in mA; 0 opens the terminals.
+    /// [`Output::CurrentLimit`](crate::device::Output::CurrentLimit): peak current in mA; 0 opens the terminals.
     CurrentLimit(u32),
-    /// [`Output::Duty`]: duty in 1/65536 of the supply voltage, signed; 0 shorts the terminals.
+    /// [`Output::Duty`](crate::device::Output::Duty): duty in 1/65536 of the supply voltage, signed; 0 shorts the terminals.
     Duty(i32),
-    /// [`Output::Plan`]: plan of a stepper motor, in steps of the drive.
+    /// [`Output::Plan`](crate::device::Output::Plan): plan of a stepper motor, in steps of the drive.
     Plan(&'a Plan),
-    /// [`Output::Step`]: number of steps without a ramp, signed.
+    /// [`Output::Step`](crate::device::Output::Step): number of steps without a ramp, signed.
     Step(i32),
     /// Number of steps of the drive per full step of the motor
     /// ([`Device::microsteps`](crate::device::Device::microsteps)).
     Microsteps(u16),
-}
-
-impl<'a> Command<'a> {
-    /// The command to a plant in an output of its drive; `None` if the output is not for a plant.
-    #[must_use]
-    pub fn of(output: Output<'a>) -> Option<Self> {
-        match output {
-            Output::CurrentLimit { ma, .. } => Some(Self::CurrentLimit(ma)),
-            Output::Duty { duty, .. } => Some(Self::Duty(duty)),
-            Output::Plan { plan, .. } => Some(Self::Plan(plan)),
-            Output::Step { steps, .. } => Some(Self::Step(steps)),
-            _ => None,
-        }
-    }
 }
 
 /// A sensor of a motor that its drive reads.
