@@ -104,7 +104,7 @@ fn run_with<D: Device, const CHARACTERS: usize>(
             InputRecord::Bytes { port, bytes } => {
                 player.sleep_before(entry.at);
                 let character = player.line().character();
-                for (n, byte) in (0..).zip(bytes) {
+                for (n, byte) in (0..).zip(bytes.iter()) {
                     player.catch(entry.at + character * n, BoardEvent::Byte(*port, *byte));
                 }
             }

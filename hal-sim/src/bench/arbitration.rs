@@ -210,7 +210,7 @@ impl Bench {
         let from = if self.fast() {
             at
         } else {
-            let gap = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+            let gap = self.longest(bus, inter_frame_gap);
             let serial_line = &self.buses[bus as usize];
             // A character that begins at this time plus the gap ends one tick after the drives have detected
             // the gap.
@@ -236,7 +236,7 @@ impl Bench {
             return;
         }
         if transmitted && !self.fast() {
-            let quiet = self.lines(bus).map(end_detection_time).max().unwrap_or(Duration::ZERO);
+            let quiet = self.longest(bus, end_detection_time);
             self.buses[bus as usize].kept_until = at + quiet;
             if !self.answers(bus, at) {
                 self.turn_until(bus, at + quiet);

@@ -124,7 +124,7 @@ impl Bench {
         let settings = self.framed(bus).filter(|line| is_judged && is_first && !ascii::is_on(*line));
         let client = self.clients.get(&client).filter(|state| !state.paces_itself);
         let Some((settings, state)) = settings.zip(client) else { return length };
-        let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+        let needs = self.longest(bus, inter_frame_gap);
         let burst = state.sent_without(needs);
         let is_one = burst.len() > length
             && line.disturbance.faults().baud.is_none()
@@ -156,7 +156,7 @@ impl Bench {
         let next = state.sent_between(length);
         let is_judged = !state.paces_itself;
         let takes = self.takes(settings, length);
-        let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+        let needs = self.longest(bus, inter_frame_gap);
         let line = &mut self.buses[bus as usize];
         let replied = line.sends_until;
         let last_request = line.last_request.replace(LastRequest { client, written, takes });
@@ -187,7 +187,7 @@ impl Bench {
         self.framed(bus).filter(|_| !self.fast())?;
         let state = self.clients.get(&client)?;
         let (paces_itself, continues) = (state.paces_itself, state.arrived_at_once(length));
-        let needs = self.lines(bus).map(inter_frame_gap).max().unwrap_or(Duration::ZERO);
+        let needs = self.longest(bus, inter_frame_gap);
         let line = &mut self.buses[bus as usize];
         let before = std::mem::replace(&mut line.continues, continues.then_some(client));
         // In Modbus ASCII a frame is complete without silence after it.

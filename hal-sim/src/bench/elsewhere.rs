@@ -280,7 +280,7 @@ impl Bench {
             (Some(Held { frame, .. }), Event::Input(InputRecord::Bytes { port, bytes }))
                 if frame.port == port =>
             {
-                frame.bytes.extend(bytes);
+                frame.bytes.extend_from_slice(&bytes);
                 frame.end = at;
             }
             (Some(held), event) => held.since.push((at, event)),
@@ -332,7 +332,7 @@ impl Bench {
         let Event::Input(InputRecord::Bytes { port, bytes }) = event else { return None };
         let framing = self.spec(drive).ports.get(usize::from(port.0))?.framing;
         let begin = Instant::ZERO + at.since(Instant::ZERO + self.character(drive, *port));
-        let frame = Partial { port: *port, begin, end: at, bytes: bytes.clone() };
+        let frame = Partial { port: *port, begin, end: at, bytes: bytes.to_vec() };
         (framing == Framing::Silence).then_some(frame)
     }
 
@@ -369,7 +369,7 @@ impl Bench {
         let held = self.reported.get_mut(&drive).and_then(|reported| reported.held.take());
         let Some(Held { frame, at, since }) = held else { return };
         let Partial { port, begin, end, bytes } = frame;
-        let line = InputRecord::Bytes { port, bytes: bytes.clone() };
+        let line = InputRecord::Bytes { port, bytes: bytes.as_slice().into() };
         self.trace.record_reported(at, drive.0, Event::Input(line));
         self.capture_frame(drive, port, begin, end, Source::Client, bytes);
         for (at, event) in since {
@@ -481,7 +481,7 @@ mod tests {
     fn receive(bench: &mut Bench, drive: DriveId, at: Instant, bytes: &[u8]) {
         for (n, byte) in (0..).zip(bytes) {
             let at = at + Duration::from_ticks(18_333) * n;
-            let event = InputRecord::Bytes { port: Port(0), bytes: vec![*byte] };
+            let event = InputRecord::Bytes { port: Port(0), bytes: [*byte].into() };
             bench.report(drive, at, Event::Input(event));
         }
     }
@@ -673,7 +673,7 @@ mod tests {
         for n in 0..3_000_u64 {
             let at = Instant::ZERO + Duration::from_ticks(18_333) * n;
             bench.run_until(at);
-            bench.report(a, at, Event::Input(InputRecord::Bytes { port: Port(0), bytes: vec![0x55] }));
+            bench.report(a, at, Event::Input(InputRecord::Bytes { port: Port(0), bytes: [0x55].into() }));
             assert!(bench.now().since(bench.recorded_until()) <= 1_150.millis(), "{n}");
         }
         bench.complete_recordings();

@@ -1,17 +1,45 @@
 //! Events that a bench schedules.
 
-use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin};
+use std::sync::Arc;
 
+use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin, Port};
+
+use super::DriveId;
 use super::tcp_faults::StreamPart;
 use crate::line::Refusal;
 use crate::record::trace::InputRecord;
 use crate::slot::PinStimulus;
+
+/// Characters that the ports of a line receive at the same instant, one after the other in the order of their drives.
+#[derive(Debug)]
+pub(crate) struct Heard {
+    pub(crate) bytes: Arc<[u8]>,
+    pub(crate) receivers: Arc<[(DriveId, Port)]>,
+    /// Index of the next receiver.
+    pub(crate) next: usize,
+    /// The port that does not receive them.
+    pub(crate) except: Option<(DriveId, Port)>,
+    /// True if a drive of the line sends them.
+    pub(crate) overheard: bool,
+}
+
+impl Heard {
+    /// The next receiver.
+    pub(crate) fn receiver(&mut self) -> Option<(DriveId, Port)> {
+        if self.except.is_some() && self.receivers.get(self.next).copied() == self.except {
+            self.next += 1;
+        }
+        self.receivers.get(self.next).copied()
+    }
+}
 
 /// A scheduled event.
 #[derive(Debug)]
 pub(crate) enum EventKind {
     /// An input of a drive.
     Input(InputRecord),
+    /// Characters that the ports of a line receive at the same instant.
+    Heard(Heard),
     /// An input of a drive on the same line as the sending drive, which began to send at `began`.
     Overheard { input: InputRecord, began: Instant },
     /// A received character that is corrupt if it overlaps another one. `number` identifies its transmission

@@ -33,7 +33,8 @@ impl Bench {
         let mut shared: Vec<(DriveId, Port)> = Vec::new();
         for &(drive, port) in ports {
             if let Some(Bus(old)) = self.bus(drive, port) {
-                self.buses[old as usize].ports.retain(|&other| other != (drive, port));
+                let ports = &mut self.buses[old as usize].ports;
+                *ports = ports.iter().copied().filter(|&other| other != (drive, port)).collect();
                 self.at_mut(drive).set_bus(port, bus);
                 shared.push((drive, port));
             }
@@ -128,6 +129,13 @@ impl Bench {
         let &(drive, port) = self.ports(Bus(bus)).first()?;
         let serial = self.at(drive).serial(port).filter(|serial| serial.framed)?;
         Some(serial.line_at(self.now))
+    }
+
+    /// The longest of the times that a line has with the present settings of its drives; they seldom differ.
+    pub(super) fn longest(&self, bus: u32, time: fn(Line) -> Duration) -> Duration {
+        let mut last = None;
+        let lines = self.lines(bus).filter(|line| last.replace(*line) != Some(*line));
+        lines.map(time).max().unwrap_or(Duration::ZERO)
     }
 
     /// The present serial settings of all drives on a line.

@@ -49,6 +49,7 @@ mod transmit;
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
+use std::sync::Arc;
 
 use drivetwin_firmware::device::{Device, Duration, Instant, Port, PresetError, Spec};
 
@@ -58,11 +59,11 @@ use crate::record::capture::Capture;
 pub use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 pub use crate::record::requests::{RequestStatistics, StartingRequests};
 use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
-use crate::scheduler::{Event, Phase, Queue, Tournament};
+use crate::scheduler::{Event, EventKey, Phase, Queue, Tournament};
 use crate::slot::{CallContext, Outputs, Slot};
 pub use crate::slot::{MOST_CONNECTIONS, Motion, PersistFn, PinStimulus, Statistics};
 use elsewhere::{Reported, Waits};
-use events::EventKind;
+use events::{EventKind, Heard};
 use motors::MotorSlot;
 pub use motors::{Motor, MotorModel, ShaftState};
 use pin_wires::PinWire;
@@ -593,35 +594,39 @@ impl Bench {
         let index = self.order[rank as usize];
         let slot = &mut self.slots[index as usize];
         let next = slot.wake(due, &mut call_context(&mut self.trace, &mut self.outputs, self.settings));
-        let off = !slot.state.powered;
         self.deadlines.set(rank, next);
-        self.schedule_motor_commands(index);
-        self.route_outputs();
-        if off {
-            self.cancel_output(index);
-            self.lose_connections(index);
-        }
-        self.update_tcp_busy(index);
-        self.look_for_writes(index);
-        self.record_outcomes(Receiver::Drive(DriveId(index)));
+        self.follow_call(index);
     }
 
-    /// Handles the results of a call of a drive: its deadline, its outputs, and the end of its transmissions if power
-    /// is off.
+    /// Handles the results of a call of a drive: its deadline, and what [follows](Self::follow_call).
     fn finish_call(&mut self, index: u32) {
-        let slot = &self.slots[index as usize];
-        let off = !slot.state.powered;
         if self.indexed {
-            self.deadlines.set(self.ranks[index as usize], slot.deadline());
+            self.deadlines.set(self.ranks[index as usize], self.slots[index as usize].deadline());
         }
-        self.schedule_motor_commands(index);
-        self.route_outputs();
-        if off {
+        self.follow_call(index);
+    }
+
+    /// Handles the results of a call of a drive except its deadline: its outputs, and the end of its transmissions if
+    /// power is off. Most calls have none of them.
+    fn follow_call(&mut self, index: u32) {
+        let slot = &self.slots[index as usize];
+        let (is_off, has_tcp) = (!slot.state.powered, slot.state.has_tcp);
+        if !slot.motors.is_empty() {
+            self.schedule_motor_commands(index);
+        }
+        if !self.outputs.is_empty() {
+            self.route_outputs();
+        }
+        if is_off {
             self.cancel_output(index);
             self.lose_connections(index);
         }
-        self.update_tcp_busy(index);
-        self.look_for_writes(index);
+        if has_tcp {
+            self.update_tcp_busy(index);
+        }
+        if !self.scenarios.is_empty() {
+            self.look_for_writes(index);
+        }
         self.record_outcomes(Receiver::Drive(DriveId(index)));
     }
 
@@ -630,7 +635,8 @@ impl Bench {
         if self.indexed {
             return;
         }
-        self.order = (0..self.slots.len() as u32).collect();
+        // The slots added since the last time; the others are in order.
+        self.order.extend(self.order.len() as u32..self.slots.len() as u32);
         let slots = &self.slots;
         self.order.sort_by(|&a, &b| slots[a as usize].name.cmp(&slots[b as usize].name));
         self.ranks = vec![0; slots.len()];
@@ -670,10 +676,32 @@ impl Bench {
         self.slots[index as usize].state.reception.overhears = false;
     }
 
+    /// Delivers characters to the ports of a line, in the order that events of their own would have.
+    fn hear(&mut self, key: EventKey, mut heard: Heard) {
+        while let Some((drive, port)) = heard.receiver() {
+            let key = EventKey { rank: self.ranks[drive.0 as usize], ..key };
+            if self.scheduled.first().is_some_and(|first| *first < key) || self.deadlines.first().0 < key.at {
+                return self.scheduled.put_back(Event {
+                    key,
+                    target: drive.0,
+                    kind: EventKind::Heard(heard),
+                });
+            }
+            let input = InputRecord::Bytes { port, bytes: Arc::clone(&heard.bytes) };
+            if heard.overheard {
+                self.overhear(drive.0, &input);
+            } else {
+                self.deliver(drive.0, &input);
+            }
+            heard.next += 1;
+        }
+    }
+
     /// Handles an event.
     fn handle(&mut self, event: Event<EventKind>) {
         match event.kind {
             EventKind::Input(input) => self.deliver(event.target, &input),
+            EventKind::Heard(heard) => self.hear(event.key, heard),
             EventKind::Overheard { input, began } => {
                 // If characters take no time, a drive that began to send at the same instant is still
                 // sending.
@@ -757,7 +785,7 @@ impl Bench {
             && let Some(serial) = serial(port)
         {
             let character = self.takes(serial.line_at(at), 1);
-            let single = |&byte| InputRecord::Bytes { port, bytes: vec![byte] };
+            let single = |&byte| InputRecord::Bytes { port, bytes: [byte].into() };
             // If characters take no time, all are delivered now, so that they keep their order among the
             // events of this instant.
             let count = if character == Duration::ZERO { bytes.len() } else { 1 };

@@ -1,9 +1,11 @@
 //! Transmission: characters on a line, and the times at which each receiver gets them.
 
+use std::sync::Arc;
+
 use drivetwin_firmware::device::{Duration, Framing, Instant, Line, Port};
 use drivetwin_protocol::modbus::ascii;
 
-use super::events::EventKind;
+use super::events::{EventKind, Heard};
 use super::lines::end_detection_time;
 use super::tcp_faults::ends_line;
 use super::{Bench, Bus, DriveId};
@@ -99,10 +101,14 @@ impl Bench {
         let burst = TxBurst { bytes: &text.bytes, unreadable: &text.unreadable, origin, number };
         let (mut last, mut detected) = (start, start);
         let mut in_characters = number.is_some() || !text.unreadable.is_empty() || text.bytes.len() < 2;
-        for n in 0..self.ports(Bus(bus)).len() {
+        let at_once = refusal.is_none() && self.schedule_for_all(bus, start, burst, None);
+        // All receivers of characters that arrive at once have the same settings.
+        let receivers = if at_once { 1 } else { self.ports(Bus(bus)).len() };
+        for n in 0..receivers {
             let (drive, port) = self.ports(Bus(bus))[n];
             let timing = self.times(drive, port, start, count, origin);
             match refusal {
+                None if at_once => {}
                 None => self.schedule_characters(drive, port, start, burst),
                 Some(refusal) if (refusal.drive, refusal.port) == (drive, port) => {
                     let (refusal, request) = (refusal.clone(), text.bytes.clone());
@@ -183,6 +189,40 @@ impl Bench {
         (start + character).max(self.now + Duration::TICK)
     }
 
+    /// Schedules characters for all ports of a line except one, as one event. Returns false if they do not
+    /// receive them whole at the same instant; then nothing is scheduled.
+    fn schedule_for_all(
+        &mut self,
+        bus: u32,
+        start: Instant,
+        burst: TxBurst<'_>,
+        except: Option<(DriveId, Port)>,
+    ) -> bool {
+        let TxBurst { bytes, unreadable, origin, number } = burst;
+        let ports = &self.buses[bus as usize].ports;
+        let [first, others @ ..] = &**ports else { return false };
+        if others.is_empty() || bytes.is_empty() || !unreadable.is_empty() || number.is_some() || self.fast()
+        {
+            return false;
+        }
+        let settings = |&(drive, port): &(DriveId, Port)| {
+            self.at(drive).serial(port).filter(|serial| serial.framed).map(|serial| serial.line_at(start))
+        };
+        let Some(line) = settings(first) else { return false };
+        let is_whole = origin.fits(line) && !ascii::is_on(line);
+        if !is_whole || others.iter().any(|other| settings(other) != Some(line)) {
+            return false;
+        }
+        let overheard = matches!(origin, Origin::Drive(..));
+        let mut heard =
+            Heard { bytes: bytes.into(), receivers: Arc::clone(ports), next: 0, except, overheard };
+        if let Some((drive, _)) = heard.receiver() {
+            let end = self.first_ends(start, origin.settings_on(line).character());
+            self.schedule(end, Phase::Line, drive.0, EventKind::Heard(heard));
+        }
+        true
+    }
+
     /// Schedules characters for a port from `start` on.
     fn schedule_characters(&mut self, drive: DriveId, port: Port, start: Instant, burst: TxBurst<'_>) {
         let TxBurst { bytes, unreadable, origin, number } = burst;
@@ -196,7 +236,7 @@ impl Bench {
         let message = |index: usize, piece: &[u8]| {
             let readable = fit && !unreadable.contains(&index);
             let input = if readable {
-                InputRecord::Bytes { port, bytes: piece.to_vec() }
+                InputRecord::Bytes { port, bytes: piece.into() }
             } else {
                 InputRecord::RxError { port }
             };
@@ -377,6 +417,9 @@ impl Bench {
             (true, LineState::Free) => start + line.character() * burst.bytes.len() as u64,
             (true, _) => start + Duration::TICK,
         };
+        if self.schedule_for_all(bus, start, burst, sender) {
+            return;
+        }
         for n in 0..self.ports(Bus(bus)).len() {
             let (drive, port) = self.ports(Bus(bus))[n];
             if Some((drive, port)) != sender {

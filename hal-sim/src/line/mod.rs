@@ -8,6 +8,7 @@ mod misread;
 mod request_boundaries;
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use drivetwin_firmware::device::{Duration, Instant, Line, Port};
 use drivetwin_protocol::line::Parity;
@@ -96,7 +97,7 @@ pub(crate) struct SerialLine {
     /// Name of the port, for the line of a single port.
     pub(crate) port: Option<&'static str>,
     /// Ports, sorted by the names of their drives.
-    pub(crate) ports: Vec<(DriveId, Port)>,
+    pub(crate) ports: Arc<[(DriveId, Port)]>,
     /// Connected clients.
     pub(crate) clients: Vec<u32>,
     pub(crate) turn: LineState,
@@ -228,7 +229,7 @@ impl SerialLine {
         Self {
             name: name.to_owned(),
             port: None,
-            ports,
+            ports: ports.into(),
             clients: Vec::new(),
             turn: LineState::Free,
             served: 0,

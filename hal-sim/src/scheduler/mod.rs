@@ -4,7 +4,7 @@ mod queue;
 mod tournament;
 
 use crate::record::trace::InputRecord;
-pub(crate) use queue::{Event, Queue};
+pub(crate) use queue::{Event, EventKey, Queue};
 pub(crate) use tournament::Tournament;
 
 /// Order of events at one instant.

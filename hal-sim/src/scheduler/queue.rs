@@ -69,6 +69,11 @@ impl<T> Queue<T> {
         self.events.push(Reverse(Event { key, target, kind }));
     }
 
+    /// Schedules an event again that was taken, with another rank and target.
+    pub(crate) fn put_back(&mut self, event: Event<T>) {
+        self.events.push(Reverse(event));
+    }
+
     /// The key of the earliest event, if there is one.
     pub(crate) fn first(&self) -> Option<&EventKey> {
         self.events.peek().map(|Reverse(event)| &event.key)

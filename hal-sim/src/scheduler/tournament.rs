@@ -33,14 +33,14 @@ impl Tournament {
     /// Sets the next deadline of a rank.
     pub(crate) fn set(&mut self, rank: u32, deadline: Instant) {
         let mut node = self.nodes.len() / 2 + rank as usize;
-        self.nodes[node] = (deadline, rank);
-        while node > 1 {
-            node /= 2;
-            let winner = self.nodes[2 * node].min(self.nodes[2 * node + 1]);
-            if self.nodes[node] == winner {
+        let mut winner = (deadline, rank);
+        while self.nodes[node] != winner {
+            self.nodes[node] = winner;
+            if node == 1 {
                 break;
             }
-            self.nodes[node] = winner;
+            winner = winner.min(self.nodes[node ^ 1]);
+            node /= 2;
         }
     }
 }

@@ -261,7 +261,7 @@ impl Slot {
         let (device, powered) = (&self.device, self.state.powered);
         let is_deaf = || !powered || at < device.receives_from();
         let (port, bytes) = match input {
-            InputRecord::Bytes { port, bytes } => (*port, bytes.as_slice()),
+            InputRecord::Bytes { port, bytes } => (*port, &**bytes),
             InputRecord::RxError { port } => (*port, &[][..]),
             InputRecord::Message { port, link, bytes } => {
                 return self.state.reception.message(at, *port, *link, bytes, is_deaf);

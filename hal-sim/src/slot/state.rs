@@ -1,7 +1,7 @@
 //! State of a drive on the bench: memory, power and outputs.
 
 use drivetwin_firmware::device::{
-    Axis, Context, DropReason, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port, Spec,
+    Axis, Context, DropReason, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port, PortSpec, Spec,
 };
 
 use super::axis::AxisState;
@@ -34,6 +34,7 @@ pub(crate) struct SlotState {
     pub(super) axes: Vec<AxisState>,
     pub(super) encoders: Vec<EncoderState>,
     pub(crate) ports: Vec<PortState>,
+    pub(crate) has_tcp: bool,
     /// True for each fault whose cause is present.
     pub(crate) faults: Vec<bool>,
     pub(crate) reception: Reception,
@@ -225,6 +226,7 @@ impl SlotState {
             axes: spec.axes.iter().map(|axis| AxisState::new(axis, spec.pins)).collect(),
             encoders: spec.encoders.iter().map(|_| EncoderState::default()).collect(),
             ports: spec.ports.iter().map(PortState::new).collect(),
+            has_tcp: spec.ports.iter().any(PortSpec::is_tcp),
             faults: vec![false; spec.faults.len()],
             reception: Reception::new(spec),
             journal: Journal::default(),

@@ -28,7 +28,7 @@ fn known(spec: &Spec, start: Instant, event: control::Event<'_>) -> Option<Event
     let input = match event {
         Reported::Lost(count) => return Some(Event::Missing { events: Some(count.into()) }),
         Reported::Power(on) => InputRecord::Power(if on { Power::On } else { Power::Off }),
-        Reported::Received(number, byte) => InputRecord::Bytes { port: port(number)?, bytes: vec![byte] },
+        Reported::Received(number, byte) => InputRecord::Bytes { port: port(number)?, bytes: [byte].into() },
         Reported::RxError(number) => InputRecord::RxError { port: port(number)? },
         Reported::Idle(number) => InputRecord::Idle { port: port(number)? },
         Reported::Present(number, here) => InputRecord::HostPresence { port: port(number)?, here },

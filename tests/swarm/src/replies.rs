@@ -86,7 +86,7 @@ impl Heard {
                     self.broken = false;
                 }
                 if let Some(stretch) = self.on_line.back_mut() {
-                    stretch.bytes.extend(bytes);
+                    stretch.bytes.extend_from_slice(bytes);
                     stretch.ends.extend(ends);
                 }
             }
@@ -271,7 +271,7 @@ mod tests {
     fn judged(heard: &[&[u8]], reply: &[u8]) -> Result<(), &'static str> {
         let mut drive = Heard::on(LINE, true);
         for bytes in heard {
-            drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: bytes.to_vec() });
+            drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: bytes.into() });
         }
         reply_on_line(&mut drive, Instant::ZERO, Some(OWN), reply)
     }
@@ -305,7 +305,7 @@ mod tests {
     fn a_request_is_answered_once() {
         let request = rtu::write(OWN, 1, 2);
         let mut drive = Heard::on(LINE, true);
-        drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: request.to_vec() });
+        drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: request.into() });
         let mut answer = || reply_on_line(&mut drive, Instant::ZERO, Some(OWN), &request);
         assert_eq!((answer(), answer()), (Ok(()), Err("nobody asked for it")));
     }
@@ -316,7 +316,7 @@ mod tests {
         let begins = |ticks: u64| {
             let mut drive = Heard::on(LINE, false);
             for (at, bytes) in [(18_333, &request[..3]), (4 * 18_333, &request[3..])] {
-                let fed = InputRecord::Bytes { port: MODBUS, bytes: bytes.to_vec() };
+                let fed = InputRecord::Bytes { port: MODBUS, bytes: bytes.into() };
                 drive.hear(Instant::from_ticks(at), &fed);
             }
             // The request has eight characters.
@@ -332,9 +332,9 @@ mod tests {
         let request = rtu::write(OWN, 1, 2);
         let mut drive = Heard::on(LINE, true);
         for fed in [
-            InputRecord::Bytes { port: MODBUS, bytes: request[..4].to_vec() },
+            InputRecord::Bytes { port: MODBUS, bytes: request[..4].into() },
             InputRecord::RxError { port: MODBUS },
-            InputRecord::Bytes { port: MODBUS, bytes: request[4..].to_vec() },
+            InputRecord::Bytes { port: MODBUS, bytes: request[4..].into() },
         ] {
             drive.hear(Instant::ZERO, &fed);
         }

@@ -60,7 +60,7 @@ fn expected(trace: &Trace) -> Events {
         match &entry.event {
             trace::Event::Input(input) => match *input {
                 InputRecord::Bytes { port, ref bytes } => {
-                    for (n, byte) in (0..).zip(bytes) {
+                    for (n, byte) in (0..).zip(bytes.iter()) {
                         add(at + n * character.ticks(), Event::Received(port.0, *byte));
                     }
                 }

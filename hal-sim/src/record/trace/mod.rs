@@ -60,6 +60,7 @@ mod text;
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use drivetwin_firmware::device::{
     Axis, Device, Encoder, Fault, Input, Instant, Level, Line, Link, Output, Pin, Plan, Port, Rotation,
@@ -243,7 +244,7 @@ pub enum InputRecord {
     /// [`Input::Rotation`]
     Rotation { axis: Axis, rotation: Rotation },
     /// [`Input::Bytes`]; on a port with timed characters, those after the first follow back to back.
-    Bytes { port: Port, bytes: Vec<u8> },
+    Bytes { port: Port, bytes: Arc<[u8]> },
     /// [`Input::RxError`]
     RxError { port: Port },
     /// [`Input::Idle`]
@@ -467,9 +468,8 @@ impl Entry {
     /// Memory of the entry, in bytes.
     fn size(&self) -> usize {
         let owned = match &self.event {
-            Event::Input(InputRecord::Bytes { bytes, .. } | InputRecord::Message { bytes, .. }) => {
-                allocated(bytes.len())
-            }
+            Event::Input(InputRecord::Bytes { bytes, .. }) => allocated(bytes.len()),
+            Event::Input(InputRecord::Message { bytes, .. }) => allocated(bytes.len()),
             Event::Output(
                 OutputRecord::Bytes { bytes, .. }
                 | OutputRecord::Message { bytes, .. }

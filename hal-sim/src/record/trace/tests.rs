@@ -91,7 +91,10 @@ fn what_people_write_by_hand_is_read() {
     assert_eq!(trace.unwrap_err(), "line 7: \"2.\" is not a time in milliseconds with up to six decimals");
     let trace = parse("  1 >  rx \"r\" 0d   # a comment\n1.5 t < tx 61\n").unwrap();
     let entries: Vec<&Entry> = trace.events().collect();
-    assert_eq!(entries[0].event, Event::Input(InputRecord::Bytes { port: Port(0), bytes: vec![b'r', 13] }));
+    assert_eq!(
+        entries[0].event,
+        Event::Input(InputRecord::Bytes { port: Port(0), bytes: [b'r', 13].into() })
+    );
     assert_eq!((entries[0].at, entries[0].line), (Instant::from(Duration::millis(1)), 3));
     assert_eq!(trace.end, Instant::from(Duration::micros(1_500)));
 }

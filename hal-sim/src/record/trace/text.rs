@@ -564,7 +564,7 @@ pub(crate) fn is_name(name: &str) -> bool {
 fn input(spec: &'static Spec, words: &mut Words<'_>) -> Result<InputRecord, String> {
     let (word, port) = words.at_port(spec)?;
     Ok(match word {
-        "rx" => InputRecord::Bytes { port, bytes: words.some_bytes()? },
+        "rx" => InputRecord::Bytes { port, bytes: words.some_bytes()?.into() },
         "spoiled" => InputRecord::RxError { port },
         "idle" => InputRecord::Idle { port },
         "attached" => InputRecord::HostPresence { port, here: words.either("on", "off")? },
