@@ -458,10 +458,12 @@ impl Bench {
             return;
         }
         let has_more = has_left || (connection.ended.is_none() && !connection.is_drained());
+        if !has_more {
+            return;
+        }
         let tcp = self.at_mut(drive).state.tcp(port);
         match tcp.filter(|tcp| tcp.busy_with.is_some()) {
-            Some(tcp) if has_more => tcp.enqueue(client),
-            Some(_) => {}
+            Some(tcp) => tcp.enqueue(client),
             None => {
                 if !self.schedule_next_message(client) && has_left {
                     self.close_connection(client);
