@@ -141,7 +141,7 @@ fn add_drive(bench: &mut Bench, drive: &TraceDrive, make: &Make<'_>) -> Result<D
     let kind = drive.spec.kind;
     let device: Box<dyn Device> =
         make(kind).ok_or_else(|| Unplayable::Drive(format!("there is no kind \"{kind}\"")))?;
-    let memory = Some(drive.memory.clone());
+    let memory = Some(drive.memory.to_vec());
     let setup = Setup {
         boot_fast: drive.boot_fast,
         external_motor: drive.external_motor,

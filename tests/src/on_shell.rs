@@ -93,7 +93,7 @@ fn run_with<D: Device, const CHARACTERS: usize>(
     drive: &TraceDrive,
     device: impl Fn() -> D,
 ) -> Board {
-    let board = Board::new(drive.spec, drive.memory.clone());
+    let board = Board::new(drive.spec, drive.memory.to_vec());
     let boot = Boot { seed: trace.seed, fast: drive.boot_fast, fast_line: drive.fast_line };
     let mut player: Player<_, _, CHARACTERS> = Player { board, shell: None, boot, device };
     player.go(drive.from);

@@ -213,6 +213,8 @@ pub struct Bench {
     /// True if `order`, `ranks` and `deadlines` are up to date.
     indexed: bool,
     scheduled: Queue<EventKind>,
+    /// Erased memories by their size; drives share them.
+    erased: BTreeMap<u16, Arc<[u8]>>,
     /// Wires between pins.
     wires: Vec<PinWire>,
     /// Motors, and the rank of each motor.
@@ -275,6 +277,7 @@ impl Bench {
             deadlines: Tournament::new(&[]),
             indexed: true,
             scheduled: Queue::default(),
+            erased: BTreeMap::new(),
             wires: Vec::new(),
             motors: Vec::new(),
             motor_ranks: Vec::new(),
@@ -330,6 +333,7 @@ impl Bench {
         let saved = |row: usize| spec.registers.rows.get(row).is_some_and(|row| row.saved != 0);
         let (now, mark) = (self.now, self.trace.position());
         let Settings { seed, journals, .. } = self.settings;
+        let memory = self.new_memory(memory, spec.memory);
         let mut slot = Slot::new(index, name, device, seed, boot_fast, memory, persist);
         if !journals {
             slot.state.reception.switch_off();
@@ -347,7 +351,7 @@ impl Bench {
         }
         // The trace contains the memory after these presets, so their stores are not recorded.
         context.trace.rewind(mark);
-        let memory = slot.state.memory.clone();
+        let memory = Arc::clone(&slot.state.memory);
         if result.is_ok() {
             slot.presets = presets.into_iter().filter(|(row, _)| !saved(*row)).collect();
             slot.power_on(now, &mut context);
@@ -386,6 +390,18 @@ impl Bench {
         self.indexed = false;
         self.finish_call(index);
         Ok(DriveId(index))
+    }
+
+    /// The content of a memory of `size` bytes, for a drive that is added.
+    fn new_memory(&mut self, content: Option<Vec<u8>>, size: u16) -> Arc<[u8]> {
+        let filled = |mut content: Vec<u8>| {
+            content.resize(usize::from(size), 0xFF);
+            Arc::from(content)
+        };
+        match content {
+            Some(content) => filled(content),
+            None => Arc::clone(self.erased.entry(size).or_insert_with(|| filled(Vec::new()))),
+        }
     }
 
     /// Sets registers that are not saved, now and after every power-on. These presets replace those of

@@ -120,7 +120,8 @@ impl Bench {
         let duty = if duty.is_nan() { 0.5 } else { duty };
         let second_later = ((2.0 * duty - 1.0) * ticks_per_edge).clamp(-most, most);
         let edges = EdgeTrain { start, ticks_per_edge, second_later, made: 0, count };
-        state.train = Some(PulseTrain { edges, rest: state.is_high(), before: state.stimulus });
+        let train = PulseTrain { edges, rest: state.is_high(), before: state.stimulus };
+        state.train = Some(Box::new(train));
         self.schedule(start, Phase::Pin, drive.0, EventKind::Pulse { pin, number });
         Ok(())
     }

@@ -257,9 +257,8 @@ fn only(fault: &str) -> Option<Direction> {
 
 /// Faults of a line or TCP port, and the random numbers for its frames.
 pub(crate) struct Disturbance {
-    faults: LineFaults,
-    /// True if there are no faults.
-    quiet: bool,
+    /// `None` if there are no faults.
+    faults: Option<Box<LineFaults>>,
     /// True for a TCP port.
     tcp: bool,
     requests: RandomNumbers,
@@ -292,8 +291,7 @@ impl Disturbance {
     /// A line with that name, without faults.
     pub(crate) fn new(seed: u64, line: &str) -> Self {
         Self {
-            faults: LineFaults::NONE,
-            quiet: true,
+            faults: None,
             tcp: false,
             requests: RandomNumbers::new(seed, "requests", line),
             replies: RandomNumbers::new(seed, "replies", line),
@@ -302,33 +300,33 @@ impl Disturbance {
 
     pub(crate) fn set(&mut self, faults: LineFaults) {
         let delay = faults.delay.min(LONGEST_DELAY);
-        self.faults = LineFaults {
+        let faults = LineFaults {
             exception_code: faults.exception_code.max(1),
             delay,
             delay_spread: faults.delay_spread.min(LONGEST_DELAY - delay),
             baud: faults.baud.map(|baud| baud.clamp(*BAUDS.start(), *BAUDS.end())),
             ..faults
         };
-        self.quiet = self.faults == LineFaults::NONE;
+        self.faults = (faults != LineFaults::NONE).then(|| Box::new(faults));
     }
 
     pub(crate) fn faults(&self) -> &LineFaults {
-        &self.faults
+        self.faults.as_deref().unwrap_or(&LineFaults::NONE)
     }
 
     /// Returns true if there are no faults.
     pub(crate) fn is_quiet(&self) -> bool {
-        self.quiet
+        self.faults.is_none()
     }
 
     /// Returns true if a rule needs the [content](Content) of frames.
     pub(crate) fn needs_content(&self) -> bool {
-        !self.quiet && self.faults.all_rules().any(|(_, rule)| rule.needs_content())
+        !self.is_quiet() && self.faults().all_rules().any(|(_, rule)| rule.needs_content())
     }
 
     /// Greatest delay of a reply.
     pub(crate) fn longest_delay(&self) -> Duration {
-        self.faults.delay + self.faults.delay_spread
+        self.faults().delay + self.faults().delay_spread
     }
 
     /// Faults of the next request, of `count` characters; `None` if it has none. `refusable` is true if an
@@ -353,12 +351,12 @@ impl Disturbance {
             Direction::Request => &mut self.requests,
             Direction::Reply => &mut self.replies,
         };
-        if self.quiet {
+        let Some(faults) = &mut self.faults else {
             numbers.first.skip(FrameFaults::DRAWS);
             numbers.more.skip(FrameFaults::MORE_DRAWS);
             return None;
-        }
-        Some(FrameFaults::draw(&mut self.faults, numbers, frame))
+        };
+        Some(FrameFaults::draw(faults, numbers, frame))
     }
 }
 

@@ -7,6 +7,8 @@ mod serial_port;
 mod state;
 mod tcp_port;
 
+use std::sync::Arc;
+
 use drivetwin_firmware::device::{
     Axis, Boot, Device, DropReason, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port,
     PresetError, Rotation, Shaft, Spec,
@@ -63,7 +65,7 @@ impl Slot {
         device: Box<dyn Device>,
         seed: u64,
         boot_fast: bool,
-        memory: Option<Vec<u8>>,
+        memory: Arc<[u8]>,
         persist: Option<PersistFn>,
     ) -> Self {
         let spec = device.spec();

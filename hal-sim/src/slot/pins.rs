@@ -35,7 +35,7 @@ pub(crate) struct PinState {
     /// Signal that was last reported to the drive.
     pub(crate) reported: Signal,
     /// The running train of pulses, if any.
-    pub(crate) train: Option<PulseTrain>,
+    pub(crate) train: Option<Box<PulseTrain>>,
     /// Number of trains so far.
     pub(crate) trains: u32,
     /// Output of the drive at the pin.

@@ -1,5 +1,7 @@
 //! State of a drive on the bench: memory, power and outputs.
 
+use std::sync::Arc;
+
 use drivetwin_firmware::device::{
     Axis, Context, DropReason, Instant, Level, Line, Link, LogEvent, Output, Pin, Plan, Port, PortSpec, Spec,
 };
@@ -22,7 +24,8 @@ pub type PersistFn = Box<dyn FnMut(u16, &[u8]) + Send>;
 /// State of a drive between calls: memory, power and outputs.
 pub(crate) struct SlotState {
     pub(super) drive: u32,
-    pub(crate) memory: Vec<u8>,
+    /// Shared with the trace, and by drives whose memory is erased, until the drive stores something.
+    pub(crate) memory: Arc<[u8]>,
     persist: Option<PersistFn>,
     pub(crate) powered: bool,
     /// Scheduled power cut; `dead` is true after it has happened, until power is switched off.
@@ -209,11 +212,9 @@ impl SlotState {
         name: &str,
         spec: &'static Spec,
         seed: u64,
-        memory: Option<Vec<u8>>,
+        memory: Arc<[u8]>,
         persist: Option<PersistFn>,
     ) -> Self {
-        let mut memory = memory.unwrap_or_default();
-        memory.resize(usize::from(spec.memory), 0xFF);
         Self {
             drive,
             memory,
@@ -264,7 +265,7 @@ impl SlotState {
         };
         let bytes = &bytes[..part];
         let from = usize::from(offset);
-        if let Some(place) = self.memory.get_mut(from..from + part) {
+        if let Some(place) = Arc::make_mut(&mut self.memory).get_mut(from..from + part) {
             place.copy_from_slice(bytes);
         }
         if let Some(persist) = &mut self.persist {

@@ -108,7 +108,7 @@ pub(crate) fn judge(trace: &Trace) -> Result<(), Failure> {
 fn play(trace: &Trace, place: usize, late: Option<Rng>) -> Result<Vec<String>, Failure> {
     let drive = &trace.drives[place];
     let device = catalog::make(drive.spec.kind).map_err(|error| Failure::new("no such kind", error))?;
-    let log = Transcript::with_memory(drive.memory.clone());
+    let log = Transcript::with_memory(drive.memory.to_vec());
     let (powered, waiting, last) = (true, Vec::new(), drive.from);
     let mut alone = Alone { device, log, name: &drive.name, powered, late, waiting, last };
     if drive.external_motor {

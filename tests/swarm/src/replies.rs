@@ -271,7 +271,7 @@ mod tests {
     fn judged(heard: &[&[u8]], reply: &[u8]) -> Result<(), &'static str> {
         let mut drive = Heard::on(LINE, true);
         for bytes in heard {
-            drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: bytes.into() });
+            drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: (*bytes).into() });
         }
         reply_on_line(&mut drive, Instant::ZERO, Some(OWN), reply)
     }
@@ -305,7 +305,7 @@ mod tests {
     fn a_request_is_answered_once() {
         let request = rtu::write(OWN, 1, 2);
         let mut drive = Heard::on(LINE, true);
-        drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: request.into() });
+        drive.hear(Instant::ZERO, &InputRecord::Bytes { port: MODBUS, bytes: request[..].into() });
         let mut answer = || reply_on_line(&mut drive, Instant::ZERO, Some(OWN), &request);
         assert_eq!((answer(), answer()), (Ok(()), Err("nobody asked for it")));
     }

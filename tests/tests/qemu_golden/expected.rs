@@ -63,7 +63,7 @@ impl Expected {
             steps: if has_steps { steps(&motion, trace.end + PLANNING) } else { Vec::new() },
             has_steps,
             motion,
-            memory: drive.memory.clone(),
+            memory: drive.memory.to_vec(),
         };
         for (at, seen) in on_shell::expected(trace) {
             match seen {

@@ -56,7 +56,9 @@ pub(crate) fn acts(
             InputRecord::Bytes { bytes, .. } => {
                 let character = expected.line(entry.at).character();
                 acts.extend(
-                    (0..).zip(bytes).map(|(n, byte)| (entry.at + character * n, Act::Character(*byte))),
+                    (0..)
+                        .zip(bytes.iter())
+                        .map(|(n, byte)| (entry.at + character * n, Act::Character(*byte))),
                 );
             }
             InputRecord::Opened { port, link } => acts.push((entry.at, Act::Open((*port, *link)))),

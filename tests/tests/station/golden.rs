@@ -145,7 +145,7 @@ fn other(line: device::Line) -> device::Line {
 fn play(trace: &Trace) -> Events {
     let drive = &trace.drives[0];
     let boot = device::Boot { fast: drive.boot_fast, ..device::Boot::default() };
-    let mut rig = Rig::with(drive.spec.kind, boot, Some(drive.memory.clone()));
+    let mut rig = Rig::with(drive.spec.kind, boot, Some(drive.memory.to_vec()));
     let presence = actions(trace).into_iter().find_map(|(_, input)| match input {
         InputRecord::HostPresence { here, .. } => Some(here),
         _ => None,

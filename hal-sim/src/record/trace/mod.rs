@@ -178,7 +178,7 @@ pub struct TraceDrive {
     /// Time at which the drive was added and powered on.
     pub from: Instant,
     /// Content of the memory at that time, [`Spec::memory`] bytes.
-    pub memory: Vec<u8>,
+    pub memory: Arc<[u8]>,
 }
 
 /// An event of a trace, with its time and drive.

@@ -2,6 +2,7 @@
 
 use std::fmt::{self, Write as _};
 use std::io;
+use std::sync::Arc;
 
 use drivetwin_firmware::device::{
     Axis, Encoder, Fault, Framing, Instant, Level, Line, Link, Pin, PinSpec, Port, PortSpec, Rotation, Spec,
@@ -450,7 +451,7 @@ impl Reader {
                 let drive = drive.ok_or_else(|| format!("there is no drive \"{name}\" above this line"))?;
                 let offset = words.address()?;
                 let bytes = words.bytes()?;
-                let target = drive.memory.get_mut(offset..offset + bytes.len());
+                let target = Arc::make_mut(&mut drive.memory).get_mut(offset..offset + bytes.len());
                 let size = drive.spec.memory;
                 target
                     .ok_or_else(|| format!("the memory of {name} has {size} bytes"))?
@@ -486,7 +487,7 @@ impl Reader {
             elsewhere: false,
             turns_motor: device.internal_motor().is_some(),
             from: Instant::ZERO,
-            memory: vec![0xFF; usize::from(spec.memory)],
+            memory: vec![0xFF; usize::from(spec.memory)].into(),
         };
         while let Some(word) = words.more() {
             match word {
