@@ -11,6 +11,8 @@ from collections import defaultdict
 from pathlib import Path
 
 IMPL = re.compile(r"^impl(?:<[^{]*?>)?\s+(?:(?:[\w:]+(?:<[^{]*>)?)\s+for\s+)?([A-Z]\w*)(?:<[^{]*>)?\s*(?:where[^{]*)?\{", re.M)
+STRUCT = re.compile(r"^(?:pub(?:\([^)]*\))?\s+)?struct\s+(\w+)(?:<[^{;(]*>)?\s*\{", re.M)
+VISIBLE_FIELD = re.compile(r"^    pub\((?:super|in [^)]*)\) \w+:", re.M)
 FN = re.compile(r"^    (?:pub(?:\([^)]*\))?\s+)?(?:const\s+)?(?:unsafe\s+)?fn\s+(\w+)", re.M)
 SELF_CALL = re.compile(r"(?:\bself|\bSelf)\s*(?:\.|::)\s*(\w+)\s*\(")
 # In `modbus`, the drive is a field of what the server sees.
@@ -75,6 +77,7 @@ def measure(folder):
     folder = Path(folder)
     files = [p for p in sorted(folder.rglob("*.rs")) if "tests" not in p.parts and p.name != "tests.rs"]
     bodies = defaultdict(lambda: defaultdict(list))  # struct -> file -> [(method, body)]
+    fields = {}  # struct -> number of visible fields
     lines = pub_super = pub_in = 0
     for path in files:
         text = without_test_modules(blank_strings_and_comments(path.read_text()))
@@ -82,6 +85,8 @@ def measure(folder):
         lines += sum(1 for line in text.splitlines() if line.strip())
         pub_super += text.count("pub(super)")
         pub_in += text.count("pub(in")
+        for struct in STRUCT.finditer(text):
+            fields[struct.group(1)] = len(VISIBLE_FIELD.findall(text[struct.end():block_end(text, struct.end() - 1)]))
         for impl in IMPL.finditer(text):
             body = text[impl.end() - 1:block_end(text, impl.end() - 1)]
             fns = list(FN.finditer(body))
@@ -89,7 +94,8 @@ def measure(folder):
                 bodies[impl.group(1)][name].append((fn.group(1), body[fn.start():after.start() if after else None]))
             if not fns:
                 bodies[impl.group(1)][name]
-    print(f"{folder}: {len(files)} files, {lines} lines of code, pub(super) {pub_super}, pub(in {pub_in}")
+    print(f"{folder}: {len(files)} files, {lines} lines of code, pub(super) {pub_super}, pub(in {pub_in}, "
+          f"{sum(n for struct, n in fields.items() if struct in bodies)} visible fields of structs with methods")
     print(f"  {'struct':<22}{'methods':>8}{'files':>6}{'edges':>6}{'cycle':>6}")
     rows = []
     for struct, by_file in bodies.items():
