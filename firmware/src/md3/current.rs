@@ -11,7 +11,7 @@ use crate::device::{Context, Duration, Fault, Instant};
 /// A unit of the cutback timeout (7.3).
 const TIMEOUT_UNIT: Duration = Duration::millis(100);
 
-/// What permits or lowers the current.
+/// Permission for the current, and the cutback that lowers it.
 #[derive(Clone, Debug)]
 pub(super) struct Current {
     version: Version,

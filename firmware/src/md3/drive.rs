@@ -2,13 +2,13 @@
 //!
 //! | file | part of the drive |
 //! |---|---|
-//! | `startup` | start-up and lights |
+//! | `startup` | start-up; the states of the lights |
 //! | `io` | pins: levels, functions, outputs |
 //! | `encoder` | the quadrature counter |
 //! | `motion` | commands, moves, jogs, home cycles |
 //! | `homing` | the settings of a home cycle, decoded |
 //! | `motor` | outputs to the motor: plans, steps, duty, current |
-//! | `current` | what permits or lowers the current: faults, Disable, cutback |
+//! | `current` | permission for the current, and its amount: faults, Disable, cutback; the lights |
 //! | `eeprom` | saved registers |
 //! | `reasons` | reasons why an accepted request has no effect |
 //!
@@ -101,11 +101,10 @@ impl Drive {
         self.current.switch_on(at);
         self.encoder.flush_filter();
         self.configure(at, out);
-        let (motion, mut now) = self.motion(at, out);
-        if Homing(now.bank.word(Reg::HomingConfiguration)).is_on_startup() {
-            let _ = motion.home(&mut now);
+        if self.homing().is_on_startup() {
+            let _ = self.with_motion(at, out, Motion::home);
         }
-        motion.arm();
+        self.motion.arm();
     }
 
     pub(super) fn deadline(&self) -> Instant {
@@ -127,8 +126,7 @@ impl Drive {
         if self.startup.timeout(at, out) {
             self.ready(at, out);
         }
-        let (motion, mut now) = self.motion(at, out);
-        motion.timeout(&mut now);
+        self.with_motion(at, out, Motion::timeout);
         self.eeprom.timeout(at, out);
         self.settle(at, out);
     }
@@ -136,9 +134,8 @@ impl Drive {
     /// Carries out what follows from an event: motion, current, lights, BUSY, and the registers that show the
     /// drive's state (MD3-2).
     fn settle(&mut self, at: Instant, out: &mut dyn Context) {
-        let (motion, mut now) = self.motion(at, out);
-        motion.resume(&mut now);
-        motion.update_current(&mut now);
+        self.with_motion(at, out, Motion::resume);
+        self.with_motion(at, out, Motion::update_current);
         // J3 pin 7 is switched to ground while the motor moves, and during a fault (section 2; MD3-36).
         let busy = self.motion.is_moving() || self.current.has_fault();
         if self.busy != busy {
@@ -149,10 +146,15 @@ impl Drive {
         self.bank.set(Reg::MotionControl, i64::from(self.current.control() | self.motion.control()));
     }
 
-    /// The motion, and what it reads and changes.
-    fn motion<'a>(&'a mut self, at: Instant, out: &'a mut dyn Context) -> (&'a mut Motion, Now<'a>) {
+    /// Calls a function of the motion with what it reads and changes.
+    fn with_motion<T>(
+        &mut self,
+        at: Instant,
+        out: &mut dyn Context,
+        call: impl FnOnce(&mut Motion, &mut Now<'_>) -> T,
+    ) -> T {
         let Self { motion, bank, io, current, .. } = self;
-        (motion, Now { at, bank, io, current, out })
+        call(motion, &mut Now { at, bank, io, current, out })
     }
 
     /// Handles an input that is not of the serial port. Never inlined, because `Md3::input` also handles each received
@@ -183,10 +185,9 @@ impl Drive {
         if !self.startup.is_ready() {
             return;
         }
-        let (motion, mut now) = self.motion(at, out);
         match edge {
-            Edge::Input(changes) => motion.react(&changes, &mut now),
-            Edge::Encoder(Channel::Index) => motion.check_target(&mut now),
+            Edge::Input(changes) => self.with_motion(at, out, |motion, now| motion.react(&changes, now)),
+            Edge::Encoder(Channel::Index) => self.with_motion(at, out, Motion::check_target),
             Edge::Encoder(_) => return,
         }
         self.settle(at, out);
@@ -195,8 +196,7 @@ impl Drive {
     /// The cause of a fault appears or ends.
     fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         if self.current.set_cause(fault, on) {
-            let (motion, mut now) = self.motion(at, out);
-            motion.halt(&mut now);
+            self.with_motion(at, out, Motion::halt);
             self.settle(at, out);
         }
     }
@@ -214,6 +214,10 @@ impl Drive {
     /// Microsteps in a full step (7.2).
     pub(super) fn microsteps(&self) -> u16 {
         self.setting().microsteps()
+    }
+
+    fn homing(&self) -> Homing {
+        Homing(self.bank.word(Reg::HomingConfiguration))
     }
 
     fn setting(&self) -> Setting {
@@ -297,8 +301,7 @@ impl Drive {
             Reg::MotorCurrentAndMicrostepping => {
                 self.configure(at, out);
                 // A new PWM range may limit the speed in counts differently.
-                let (motion, mut now) = self.motion(at, out);
-                let _ = motion.speed_changed(&mut now);
+                let _ = self.with_motion(at, out, Motion::speed_changed);
                 done = self.check_current_code(word);
                 if !Setting(word).has_parameter() {
                     done = done.and(Err(Why::ParameterCode));
@@ -322,18 +325,11 @@ impl Drive {
             }
             Reg::EncoderIndexCount => self.encoder.set_index_count(self.bank.get(reg) as i32),
             Reg::QuadratureEncoderCount => self.encoder.set_count(word),
-            Reg::MotionControl => {
-                let (motion, mut now) = self.motion(at, out);
-                done = motion.command(word, &mut now);
-            }
+            Reg::MotionControl => done = self.with_motion(at, out, |motion, now| motion.command(word, now)),
             Reg::MoveSteps | Reg::Speed | Reg::AlternateSpeed => {
-                let (motion, mut now) = self.motion(at, out);
-                done = motion.speed_changed(&mut now);
+                done = self.with_motion(at, out, Motion::speed_changed);
             }
-            Reg::AccelDecel => {
-                let (motion, mut now) = self.motion(at, out);
-                motion.acceleration_changed(&mut now);
-            }
+            Reg::AccelDecel => self.with_motion(at, out, Motion::acceleration_changed),
             Reg::EEPROMControl => {
                 // Save the value written to the pins: the bank may hold the one read from them.
                 self.bank.set(Reg::IOPortData, i64::from(self.io.written()));
@@ -360,12 +356,11 @@ impl Drive {
     /// Reads the settings of the motor, the pins and the encoder from their registers.
     fn configure(&mut self, at: Instant, out: &mut dyn Context) {
         let setting = self.setting();
-        let (motion, mut now) = self.motion(at, out);
-        motion.configure(setting, &mut now);
+        self.with_motion(at, out, |motion, now| motion.configure(setting, now));
         let ready = self.startup.is_ready();
         let changes = self.io.configure(
             self.bank.word(Reg::PinFunctionAndPolarity),
-            Homing(self.bank.word(Reg::HomingConfiguration)),
+            self.homing(),
             self.motion.is_dc(),
         );
         self.encoder.configure(
@@ -375,8 +370,7 @@ impl Drive {
             ready && !self.io.has_outputs(),
         );
         if ready {
-            let (motion, mut now) = self.motion(at, out);
-            motion.react(&changes, &mut now);
+            self.with_motion(at, out, |motion, now| motion.react(&changes, now));
         }
     }
 
@@ -384,8 +378,7 @@ impl Drive {
     /// first; an endless mode starts with the new values. The reasons of the registers are not the request's.
     fn loaded(&mut self, at: Instant, out: &mut dyn Context) {
         let control = self.bank.word(Reg::MotionControl);
-        let (motion, mut now) = self.motion(at, out);
-        motion.acceleration_changed(&mut now);
+        self.with_motion(at, out, Motion::acceleration_changed);
         for reg in [
             Reg::MotorCurrentAndMicrostepping,
             Reg::CurrentCutbackSettings,
@@ -395,8 +388,7 @@ impl Drive {
         ] {
             let _ = self.apply(at, reg, out);
         }
-        let (motion, mut now) = self.motion(at, out);
-        let _ = motion.command(control, &mut now);
+        let _ = self.with_motion(at, out, |motion, now| motion.command(control, now));
     }
 }
 

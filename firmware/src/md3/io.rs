@@ -35,7 +35,7 @@ pub(super) enum Edge {
     Encoder(Channel),
 }
 
-/// What follows from new levels, polarities or functions of J2 pins 2 to 5, in this order. A new polarity is an
+/// Effects of new levels, polarities or functions of J2 pins 2 to 5, in this order. A new polarity is an
 /// edge if it changes the pin between active and inactive (MD3-19).
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Changes {
@@ -254,15 +254,15 @@ impl Io {
         // While pin 5 is inactive, the sign of the register is the direction (MD3-20).
         let pin_5 = self.active & BIT_5 != 0;
         let profile = |starts: bool, reversed| starts.then_some(Request::Profile { reversed });
-        let or_home = |starts: bool| starts.then_some(Request::Home);
+        let home = |starts: bool| starts.then_some(Request::Home);
         match self.functions.mode {
             Mode::StepDirection => fell_4.then_some(Request::Step { backward: pin_5 }),
             Mode::JogDirection | Mode::JogEitherWay => Some(Request::Jog),
             Mode::MoveDirection => profile(fell_4, pin_5),
             Mode::MoveForwardBackward => profile(fell_4 || rose_4, rose_4),
-            Mode::MoveThenHome => profile(fell_4, false).or(or_home(rose_4)),
+            Mode::MoveThenHome => profile(fell_4, false).or(home(rose_4)),
             Mode::MoveEitherWay => profile(fell_4 || fell_5, !fell_4),
-            Mode::MoveOrHome => profile(fell_4, false).or(or_home(fell_5)),
+            Mode::MoveOrHome => profile(fell_4, false).or(home(fell_5)),
             Mode::EndlessMoves | Mode::EndlessHomes | Mode::None => None,
         }
     }

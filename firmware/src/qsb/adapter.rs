@@ -3,7 +3,7 @@
 //! | file | part of the adapter |
 //! |---|---|
 //! | `command` | commands and responses as text |
-//! | `instrument` | what the registers show and set |
+//! | `instrument` | the parts whose state the registers show and set |
 //! | `encoder` | the signals at A, B and I |
 //! | `port` | the digital port |
 //! | `clock` | the clock of 512 Hz |
@@ -141,7 +141,7 @@ impl Adapter {
     pub(super) fn deadline(&self) -> Instant {
         let starting = if self.is_ready() { Instant::NEVER } else { self.receives_from() };
         starting
-            .min(self.instrument.deadline(self.streams.watch_counter()))
+            .min(self.instrument.deadline(self.streams.has_status()))
             .min(self.saved.deadline())
             .min(self.streams.deadline(self.serial.free_at()))
     }
@@ -173,7 +173,7 @@ impl Adapter {
             Input::RxError { .. } => self.on_character(at, None, out),
             Input::HostPresence { here: true, .. } => self.reset(at, out),
             _ => {
-                self.instrument.input(at, input, self.streams.watch_counter(), out);
+                self.instrument.input(at, input, self.streams.has_status(), out);
                 self.settle(at);
             }
         }

@@ -1,7 +1,8 @@
 //! The signals of the encoder, and the value of READ ENCODER in each MODE.
 
-use crate::counter::Ls7366r;
-use crate::device::{Duration, HIGH_MV, Instant, LOGIC_HIGH_MV};
+use super::{A, B, I};
+use crate::counter::{Channel, Ls7366r};
+use crate::device::{Duration, HIGH_MV, Input, Instant, LOGIC_HIGH_MV};
 
 /// Voltage at full scale.
 const FULL_SCALE_MV: i32 = 5_000;
@@ -104,19 +105,42 @@ impl Encoder {
         self.index == (mdr1 & INVERT_INDEX != 0)
     }
 
-    /// Sets the voltage at A, under any of the pin's names (QSB-16). Returns the level if it is new.
-    pub(super) fn set_voltage(&mut self, at: Instant, mv: i32, mode: Mode) -> Option<bool> {
-        self.mv = mv;
-        self.set_a(at, mv > HIGH_MV, mode)
+    /// Handles an input at A, under any of the pin's names (QSB-16), at B or at I, with these values of MODE and MDR1.
+    /// Returns the channel of the counter that has a new level.
+    pub(super) fn input(
+        &mut self,
+        at: Instant,
+        input: &Input<'_>,
+        mode: Mode,
+        mdr1: u16,
+    ) -> Option<(Channel, bool)> {
+        match *input {
+            Input::Edge { pin: A, high } => {
+                self.mv = if high { LOGIC_HIGH_MV } else { 0 };
+                self.set_a(at, high, mode)
+            }
+            Input::Millivolts { pin: A, mv } => {
+                self.mv = mv;
+                self.set_a(at, mv > HIGH_MV, mode)
+            }
+            Input::Edge { pin: B, high } => {
+                self.b = high;
+                Some((Channel::B, high))
+            }
+            Input::Edge { pin: I, high } => {
+                self.index = high;
+                Some((Channel::Index, self.index(mdr1)))
+            }
+            // The counter of a board has counted.
+            Input::Count { a, b, .. } => {
+                (self.a, self.b) = (a, b);
+                None
+            }
+            _ => None,
+        }
     }
 
-    /// Sets the level at A, under any of the pin's names. Returns it if it is new.
-    pub(super) fn set_level(&mut self, at: Instant, high: bool, mode: Mode) -> Option<bool> {
-        self.mv = if high { LOGIC_HIGH_MV } else { 0 };
-        self.set_a(at, high, mode)
-    }
-
-    fn set_a(&mut self, at: Instant, high: bool, mode: Mode) -> Option<bool> {
+    fn set_a(&mut self, at: Instant, high: bool, mode: Mode) -> Option<(Channel, bool)> {
         if self.a == high {
             return None;
         }
@@ -124,22 +148,7 @@ impl Encoder {
         if mode == Mode::Pwm {
             self.pwm.edge(at, high);
         }
-        Some(high)
-    }
-
-    /// Sets the level at B.
-    pub(super) fn set_b(&mut self, high: bool) {
-        self.b = high;
-    }
-
-    /// Sets the level at I.
-    pub(super) fn set_index(&mut self, high: bool) {
-        self.index = high;
-    }
-
-    /// Sets the levels at A and B, which a board counts.
-    pub(super) fn set_channels(&mut self, a: bool, b: bool) {
-        (self.a, self.b) = (a, b);
+        Some((Channel::A, high))
     }
 
     /// The bit of MODE for the resolution of a PWM encoder.

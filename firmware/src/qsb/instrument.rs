@@ -11,7 +11,7 @@ use super::port::DigitalPort;
 use super::reasons::Why;
 use super::registers::{Reg, Variant};
 use super::stream::Pace;
-use super::{A, B, I, Words};
+use super::{DIO, Words};
 use crate::counter::{Channel, Ls7366r, status};
 use crate::device::{Context, Duration, Input, Instant, REPORTS_REASONS};
 
@@ -24,7 +24,7 @@ const COUNT_DOWN: u16 = 1 << 8;
 /// Time after which every delayed edge has passed the counter's filter.
 const FILTER: Duration = Duration::micros(1);
 
-/// What the registers show and set.
+/// The parts whose state the registers show and set.
 #[derive(Clone, Debug)]
 pub(super) struct Instrument {
     variant: Variant,
@@ -84,10 +84,15 @@ impl Instrument {
         }
     }
 
-    /// Time of the next [`timeout`](Self::timeout). `watches_counter` is true if all events of the counter count, and
-    /// not only those that trigger.
-    pub(super) fn deadline(&self, watches_counter: bool) -> Instant {
-        let watches = self.is_ready && (watches_counter || self.triggers() != 0);
+    /// Returns true if events of the counter have an effect: all events, or those that trigger.
+    fn watches_counter(&self, all: bool) -> bool {
+        self.is_ready && (all || self.triggers() != 0)
+    }
+
+    /// Time of the next [`timeout`](Self::timeout). `streams_status` is true if each event of the counter may send a
+    /// record.
+    pub(super) fn deadline(&self, streams_status: bool) -> Instant {
+        let watches = self.watches_counter(streams_status);
         let counter = if watches { self.counter.deadline() } else { Instant::NEVER };
         counter.min(self.port.deadline()).min(self.motor.deadline())
     }
@@ -103,29 +108,11 @@ impl Instrument {
         &mut self,
         at: Instant,
         input: Input<'_>,
-        watches_counter: bool,
+        streams_status: bool,
         out: &mut dyn Context,
     ) {
         match input {
-            Input::Edge { pin: A, high } => {
-                if let Some(high) = self.encoder.set_level(at, high, self.mode()) {
-                    self.count(at, Channel::A, high);
-                }
-            }
-            Input::Millivolts { pin: A, mv } => {
-                if let Some(high) = self.encoder.set_voltage(at, mv, self.mode()) {
-                    self.count(at, Channel::A, high);
-                }
-            }
-            Input::Edge { pin: B, high } => {
-                self.encoder.set_b(high);
-                self.count(at, Channel::B, high);
-            }
-            Input::Edge { pin: I, high } => {
-                self.encoder.set_index(high);
-                self.count(at, Channel::Index, self.encoder.index(self.bank.word(Reg::Mdr1)));
-            }
-            Input::Edge { pin, high } => {
+            Input::Edge { pin, high } if DIO.contains(&pin) => {
                 let captures = self.port.edge(pin, high, &self.bank);
                 if captures && self.is_ready {
                     self.catch_up(at, out);
@@ -133,24 +120,21 @@ impl Instrument {
                     self.bank.set(Reg::Capture, i64::from(count));
                 }
             }
-            Input::Count { steps, a, b, .. } => {
-                self.encoder.set_channels(a, b);
-                if self.is_ready {
+            Input::StepsCorrection { steps, .. } => self.motor.correct_steps(steps),
+            _ => {
+                let edge = self.encoder.input(at, &input, self.mode(), self.bank.word(Reg::Mdr1));
+                if !self.is_ready {
+                    return;
+                }
+                if let Some((channel, high)) = edge {
+                    self.counter.edge(at, channel, high);
+                } else if let Input::Count { steps, a, b, .. } = input {
                     self.counter.take_steps(steps, a, b);
                 }
             }
-            Input::StepsCorrection { steps, .. } => self.motor.correct_steps(steps),
-            _ => {}
         }
-        if self.is_ready && (watches_counter || self.triggers() != 0) {
+        if self.watches_counter(streams_status) {
             self.catch_up(at, out);
-        }
-    }
-
-    /// Passes a level at an input to the counter.
-    fn count(&mut self, at: Instant, channel: Channel, high: bool) {
-        if self.is_ready {
-            self.counter.edge(at, channel, high);
         }
     }
 
@@ -249,11 +233,7 @@ impl Instrument {
 
     /// The pace of the encoder's stream.
     pub(super) fn pace(&self) -> Pace {
-        Pace {
-            clock: self.clock,
-            rate: self.bank.word(Reg::IntervalRate),
-            measurement: self.mode().measurement(),
-        }
+        Pace::new(self.clock, self.bank.word(Reg::IntervalRate), self.mode().measurement())
     }
 
     fn port_value(&self, at: Instant) -> u8 {

@@ -10,7 +10,7 @@ use crate::device::{Duration, Instant};
 const STREAMS: [Reg; 5] = [Reg::DigIO, Reg::Capture, Reg::Str, Reg::ReadEncoder, Reg::MdStatus];
 /// The stream with an interval; the other streams send after a change.
 const ENCODER: u8 = bit(Reg::ReadEncoder);
-/// The stream of the counter's status, which must be compared after every event of the counter.
+/// The stream of the counter's status.
 const STATUS: u8 = bit(Reg::Str);
 /// Streams that W160 and W161 end.
 const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
@@ -32,14 +32,17 @@ const fn bit(reg: Reg) -> u8 {
 /// The pace of the encoder's stream.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pace {
-    pub(super) clock: Clock,
-    /// INTERVAL RATE.
-    pub(super) rate: u16,
-    /// Duration of a measurement.
-    pub(super) measurement: Duration,
+    clock: Clock,
+    rate: u16,
+    measurement: Duration,
 }
 
 impl Pace {
+    /// The pace that INTERVAL RATE selects, if a measurement takes this time.
+    pub(super) fn new(clock: Clock, rate: u16, measurement: Duration) -> Self {
+        Self { clock, rate, measurement }
+    }
+
     /// Time of the measurement that follows the one at `measured`: an interval later, but not before `at` (QSB-11).
     fn next(self, measured: Instant, at: Instant) -> Instant {
         match self.rate {
@@ -113,7 +116,7 @@ impl Streams {
     }
 
     /// Returns true if the stream of the counter's status runs, which is compared after every event of the counter.
-    pub(super) fn watch_counter(&self) -> bool {
+    pub(super) fn has_status(&self) -> bool {
         self.running & STATUS != 0
     }
 
