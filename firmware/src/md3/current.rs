@@ -124,6 +124,11 @@ impl Current {
         self.quiet_since = at;
     }
 
+    /// Returns true while the current is lowered.
+    pub(super) fn is_lowered(&self) -> bool {
+        self.lights == Lights::Cutback
+    }
+
     /// Time of the next [`update`](Self::update): the cutback begins.
     pub(super) fn deadline(&self) -> Instant {
         self.cutback_at

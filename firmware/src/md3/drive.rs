@@ -134,8 +134,7 @@ impl Drive {
     /// Carries out what follows from an event: motion, current, lights, BUSY, and the registers that show the
     /// drive's state (MD3-2).
     fn settle(&mut self, at: Instant, out: &mut dyn Context) {
-        self.with_motion(at, out, Motion::resume);
-        self.with_motion(at, out, Motion::update_current);
+        self.with_motion(at, out, Motion::settle);
         // J3 pin 7 is switched to ground while the motor moves, and during a fault (section 2; MD3-36).
         let busy = self.motion.is_moving() || self.current.has_fault();
         if self.busy != busy {
@@ -179,18 +178,28 @@ impl Drive {
     fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let Some(edge) = self.io.edge(pin, high) else { return };
         self.stale = true;
-        if let Edge::Encoder(channel) = edge {
-            self.encoder.edge(at, channel, high);
-        }
-        if !self.startup.is_ready() {
-            return;
-        }
         match edge {
-            Edge::Input(changes) => self.with_motion(at, out, |motion, now| motion.react(&changes, now)),
-            Edge::Encoder(Channel::Index) => self.with_motion(at, out, Motion::check_target),
-            Edge::Encoder(_) => return,
+            Edge::Request(request) => {
+                if self.startup.is_ready() {
+                    self.with_motion(at, out, |motion, now| motion.on_edge(request, now));
+                    self.settle(at, out);
+                }
+            }
+            Edge::Function => {
+                let changes = self.io.poll();
+                if self.startup.is_ready() {
+                    self.with_motion(at, out, |motion, now| motion.react(&changes, now));
+                    self.settle(at, out);
+                }
+            }
+            Edge::Encoder(channel) => {
+                self.encoder.edge(at, channel, high);
+                if channel == Channel::Index && self.startup.is_ready() {
+                    self.with_motion(at, out, Motion::check_target);
+                    self.settle(at, out);
+                }
+            }
         }
-        self.settle(at, out);
     }
 
     /// The cause of a fault appears or ends.
@@ -371,6 +380,8 @@ impl Drive {
         );
         if ready {
             self.with_motion(at, out, |motion, now| motion.react(&changes, now));
+            // A motion begins before the outputs get new levels.
+            self.with_motion(at, out, Motion::resume);
         }
     }
 

@@ -29,8 +29,10 @@ const OUTPUTS: u16 = 1 << 12;
 /// A new level of a pin.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Edge {
-    /// Of J2 pin 2, 3, 4 or 5.
-    Input(Changes),
+    /// Of J2 pin 2 or 3.
+    Function,
+    /// Of J2 pin 4 or 5, with its request.
+    Request(Option<Request>),
     /// Of J2 pin 9, 10 or 12.
     Encoder(Channel),
 }
@@ -198,7 +200,7 @@ impl Io {
         Self { functions, levels: INPUTS, active: 0, written: 0 }
     }
 
-    /// Sets the level of a pin. Returns what follows if it is new.
+    /// Sets the level of a pin. Returns the pin's kind if the level is new.
     pub(super) fn edge(&mut self, pin: Pin, high: bool) -> Option<Edge> {
         let &bit = BITS.get(usize::from(pin.0))?;
         let levels = if high { self.levels | bit } else { self.levels & !bit };
@@ -210,7 +212,12 @@ impl Io {
             BIT_9 => Edge::Encoder(Channel::Index),
             BIT_10 => Edge::Encoder(Channel::A),
             BIT_12 => Edge::Encoder(Channel::B),
-            _ => Edge::Input(self.poll(self.functions)),
+            BIT_4 | BIT_5 => {
+                let before = self.active;
+                self.note_active();
+                Edge::Request(self.request(self.active ^ before))
+            }
+            _ => Edge::Function,
         })
     }
 
@@ -222,25 +229,48 @@ impl Io {
 
     /// Applies `PinFunctionAndPolarity` and `HomingConfiguration`, for a stepper or a DC motor. Returns what follows.
     pub(super) fn configure(&mut self, function: u16, homing: Homing, dc: bool) -> Changes {
-        self.poll(Functions::new(function, homing, dc))
+        self.change(Functions::new(function, homing, dc))
     }
 
-    fn poll(&mut self, functions: Functions) -> Changes {
-        let before = core::mem::replace(self, Self { functions, ..*self });
-        // An input is active low unless its polarity is inverted.
-        self.active = !(self.levels ^ functions.polarity) & INPUTS;
-        let edges = self.active ^ before.active;
-        let stops = self.is_bus_inhibited() && !before.is_bus_inhibited();
+    /// Returns what follows from the present levels.
+    pub(super) fn poll(&mut self) -> Changes {
+        self.change(self.functions)
+    }
+
+    #[inline]
+    fn change(&mut self, functions: Functions) -> Changes {
+        let (active, mode_before) = (self.active, self.functions.mode);
+        let (before_2, before_3) = (self.pin_2(), self.pin_3());
+        self.functions = functions;
+        self.note_active();
+        let edges = self.active ^ active;
+        let begins = |function| self.pin_3() == function && before_3 != function;
         let homes = edges & self.active & BIT_3 != 0 && functions.pin_3 == Pin3::Home;
+        let stops = begins(Pin3::InhibitModbus);
         Changes {
             has_edges: edges != 0,
-            mode_before: before.functions.mode,
-            selects_speed: self.selects_alternate() != before.selects_alternate(),
-            clears_fault: homes || stops || self.is_inhibited() && !before.is_inhibited(),
+            mode_before,
+            selects_speed: self.selects_alternate() != (before_2 == Pin2::SpeedSelect),
+            clears_fault: homes || stops || begins(Pin3::Inhibit),
             stops,
             homes,
             request: self.request(edges),
         }
+    }
+
+    fn note_active(&mut self) {
+        // An input is active low unless its polarity is inverted.
+        self.active = !(self.levels ^ self.functions.polarity) & INPUTS;
+    }
+
+    /// The function of pin 2 while it is active.
+    fn pin_2(&self) -> Pin2 {
+        if self.active & BIT_2 != 0 { self.functions.pin_2 } else { Pin2::None }
+    }
+
+    /// The function of pin 3 while it is active.
+    fn pin_3(&self) -> Pin3 {
+        if self.active & BIT_3 != 0 { self.functions.pin_3 } else { Pin3::None }
     }
 
     /// The request of these edges at pins 4 and 5.
@@ -303,22 +333,22 @@ impl Io {
 
     /// Returns true while LOWCURRENT is active.
     pub(super) fn lowers_current(&self) -> bool {
-        self.functions.pin_2 == Pin2::LowCurrent && self.active & BIT_2 != 0
+        self.pin_2() == Pin2::LowCurrent
     }
 
     /// Returns true while SPEEDSEL selects `AlternateSpeed`.
     pub(super) fn selects_alternate(&self) -> bool {
-        self.functions.pin_2 == Pin2::SpeedSelect && self.active & BIT_2 != 0
+        self.pin_2() == Pin2::SpeedSelect
     }
 
     /// Returns true while INHIBIT is active.
     pub(super) fn is_inhibited(&self) -> bool {
-        self.functions.pin_3 == Pin3::Inhibit && self.active & BIT_3 != 0
+        self.pin_3() == Pin3::Inhibit
     }
 
     /// Returns true while `INHIBIT_MODBUS_MOTION` is active.
     pub(super) fn is_bus_inhibited(&self) -> bool {
-        self.functions.pin_3 == Pin3::InhibitModbus && self.active & BIT_3 != 0
+        self.pin_3() == Pin3::InhibitModbus
     }
 
     /// Value of `IOPortData` when read: input pins read their level, output pins the written value (MD3-11).

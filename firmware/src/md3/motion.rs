@@ -210,7 +210,19 @@ impl Motion {
             self.update_current(now);
             self.obey(request, now);
         }
-        self.resume(now);
+    }
+
+    /// Handles an edge at pin 4 or 5, with its request.
+    pub(super) fn on_edge(&mut self, request: Option<Request>, now: &mut Now<'_>) {
+        let was_lowered = now.current.is_lowered();
+        now.current.restart_cutback(now.at);
+        if let Some(request) = request {
+            if was_lowered {
+                // The current rises before a step is made.
+                self.update_current(now);
+            }
+            self.obey(request, now);
+        }
     }
 
     /// Executes a request of pins 4 and 5. Moves, steps and home cycles start only if no motion is running
@@ -305,7 +317,7 @@ impl Motion {
     }
 
     /// Starts the motion that the levels of pins 4 and 5 or an endless mode request, if no motion is running
-    /// (MD3-21). It follows every event.
+    /// (MD3-21).
     pub(super) fn resume(&mut self, now: &mut Now<'_>) {
         if !self.armed || self.activity != Activity::None {
             return;
@@ -324,8 +336,14 @@ impl Motion {
         }
     }
 
+    /// Carries out what follows from an event.
+    pub(super) fn settle(&mut self, now: &mut Now<'_>) {
+        self.resume(now);
+        self.update_current(now);
+    }
+
     /// Updates the motor's current and the lights.
-    pub(super) fn update_current(&mut self, now: &mut Now<'_>) {
+    fn update_current(&mut self, now: &mut Now<'_>) {
         let stands = self.activity == Activity::None;
         let ma = now.current.update(now.at, now.bank, now.io, stands, now.out);
         self.motor.set_current(now.at, ma, now.out);
