@@ -1,95 +1,49 @@
-//! An MD3 without its serial port: its registers, and the effect of a write.
+//! An MD3 without its serial port: its registers, its parts, and what follows from an event.
 //!
 //! | file | part of the drive |
 //! |---|---|
-//! | `startup` | start-up and lights |
-//! | `current` | faults, cutback and motor current |
-//! | `eeprom` | saved registers |
+//! | `startup` | start-up; the states of the lights |
+//! | `io` | pins: levels, functions, outputs |
 //! | `encoder` | the quadrature counter |
-//! | `inputs` | reactions to changes of pins |
-//! | `motion` | commands, moves, home cycles |
-//! | `motor` | outputs to the motor: plans, steps, duty |
-//! | `pins` | functions of J2 pins 2 to 5 |
+//! | `motion` | commands, moves, jogs, home cycles |
+//! | `homing` | the settings of a home cycle, decoded |
+//! | `motor` | outputs to the motor: plans, steps, duty, current |
+//! | `current` | permission for the current, and its amount: faults, Disable, cutback; the lights |
+//! | `eeprom` | saved registers |
 //! | `reasons` | reasons why an accepted request has no effect |
+//!
+//! A part knows nothing of the drive. The drive passes it an event and what it needs, and then [settles](Drive::settle).
 
+use drivetwin_protocol::modbus::server::RequestHandler;
 use drivetwin_protocol::registers::{Bank, Register};
 
+use super::current::Current;
 use super::eeprom::Eeprom;
 use super::encoder::Encoder;
-use super::motion::Motion;
-use super::motor::Motor;
-use super::pins::Pins;
+use super::homing::Homing;
+use super::io::{Edge, Io};
+use super::motion::{Motion, Now};
+use super::motor::Setting;
 use super::reasons::Why;
-use super::registers::{
-    LAST_PARAMETER, Reg, Version, eeprom_control, homing, io_port, microsteps, motion_control, parameter,
-    pin_function, pwm,
-};
-use super::startup::{Lights, Startup};
-use super::{BUSY, J2_9, J2_10, J2_12, J3_8, MEMORY};
-use crate::device::{self, Context, Duration, Instant, Level, Output, PresetError, REPORTS_REASONS};
+use super::registers::{Reg, Version, motion_control};
+use super::startup::Startup;
+use super::{BUSY, MEMORY, Words, open_drain};
+use crate::counter::Channel;
+use crate::device::{Boot, Context, Fault, Input, Instant, Output, Pin, PresetError, REPORTS_REASONS};
 use crate::memory;
-
-/// State of the drive, from power-on to ready.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum State {
-    /// No power.
-    Off,
-    /// The start-up delay runs: the motor has no current and the drive does not listen.
-    Starting(Startup),
-    /// Boot without start-up delay: the drive becomes ready after all inputs of this instant.
-    Waking(Instant),
-    /// Normal operation, or a fault.
-    Ready,
-}
 
 /// An MD3 without its serial port.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
-    pub(super) version: Version,
-    pub(super) state: State,
-    pub(super) bank: Bank<Reg, { Reg::WORDS }>,
-    /// True if pins or counts have changed since the last [`Drive::refresh`] of the bank.
-    pub(super) stale: bool,
+    bank: Words,
+    /// True if pins or counts have changed since the last [`Drive::bus`].
+    stale: bool,
+    startup: Startup,
+    io: Io,
+    encoder: Encoder,
+    motion: Motion,
+    current: Current,
     eeprom: Eeprom,
-
-    pub(super) pins: Pins,
-    /// Levels of J2 pins 2, 3, 4, 5 and 9, 10, 12, in the bit positions of `IOPortData`.
-    pub(super) levels: u16,
-    /// Pins among J2 pins 2, 3, 4 and 5 that were active when the drive last read the pins, one bit each.
-    pub(super) active: u16,
-    /// True while INHIBIT is active.
-    pub(super) inhibited: bool,
-    /// True while `INHIBIT_MODBUS_MOTION` is active.
-    pub(super) bus_inhibited: bool,
-    /// True while SPEEDSEL selects `AlternateSpeed`.
-    pub(super) alternate: bool,
-    /// Step pulses before this instant are too fast and are lost.
-    pub(super) next_step_allowed: Instant,
-    /// Value last written to `IOPortData`.
-    latch: u16,
-    pub(super) encoder: Encoder,
-
-    pub(super) motor: Motor,
-    pub(super) motion: Motion,
-    /// True while the levels of pins 4 and 5 and the endless modes may move the motor. A stop clears it. The
-    /// next edge at pins 4 or 5 in a jog mode, a write of the pins' functions, the end of Disable, or a
-    /// cleared fault sets it again.
-    pub(super) armed: bool,
-
-    /// True while MotionControl's Disable bit is set: the motor has no current (7.15).
-    pub(super) disabled: bool,
-    /// Bits of the faults that have their cause present.
-    pub(super) causes: u8,
-    pub(super) fault: bool,
-    /// Time of the last command, input change, or start or end of a motion.
-    pub(super) quiet_since: Instant,
-    /// True once the cutback timeout has passed.
-    pub(super) cut_back: bool,
-    /// Time of the next cutback, stored because the drive's deadline is read often.
-    cutback_at: Instant,
-    /// Peak phase current, in mA.
-    pub(super) current: u32,
-    pub(super) lights: Lights,
     /// True while BUSY is switched to ground.
     busy: bool,
 }
@@ -99,128 +53,160 @@ impl Drive {
         let mut bank = Bank::factory();
         bank.set(Reg::ProductInformation, version.product());
         Self {
-            version,
-            state: State::Off,
             bank,
             stale: false,
-            eeprom: Eeprom::new(),
-            pins: Pins::new(0, 0, false),
-            levels: io_port::INPUTS,
-            active: 0,
-            inhibited: false,
-            bus_inhibited: false,
-            alternate: false,
-            next_step_allowed: Instant::ZERO,
-            latch: 0,
+            startup: Startup::OFF,
+            io: Io::new(),
             encoder: Encoder::new(),
-            motor: Motor::new(Instant::ZERO),
-            motion: Motion::None,
-            armed: false,
-            disabled: false,
-            causes: 0,
-            fault: false,
-            quiet_since: Instant::ZERO,
-            cut_back: false,
-            cutback_at: Instant::NEVER,
-            current: 0,
-            lights: Lights::Starting,
+            motion: Motion::new(Instant::ZERO),
+            current: Current::new(version),
+            eeprom: Eeprom::new(),
             busy: false,
         }
     }
 
-    pub(super) fn power_on(&mut self, at: Instant, boot: device::Boot, out: &mut dyn Context) {
-        *self = Self::new(self.version);
-        self.motor = Motor::new(at);
+    /// Returns the time from which the drive receives.
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) -> Instant {
+        *self = Self::new(self.version());
+        self.motion = Motion::new(at);
         let passed = self.eeprom.load(self.bank.words_mut(), out);
-        self.latch = self.bank.word(Reg::IOPortData);
-        self.disabled = self.bank.word(Reg::MotionControl) & motion_control::DISABLE != 0;
-        self.motor.begin(at, out);
-        out.put(at, Output::CurrentLimit { axis: super::AXIS, ma: 0 });
+        self.current.disable(self.bank.word(Reg::MotionControl) & motion_control::DISABLE != 0);
+        self.motion.begin(at, out);
         out.put(at, Output::Level { pin: BUSY, level: open_drain(false) });
         self.configure(at, out);
-        self.update_port(at, out);
-        self.update_outputs(at, out);
-        self.state = if boot.fast {
-            State::Waking(at)
-        } else {
-            let delay = self.bank.clamped_value(Reg::StartupDelay).unsigned_abs();
-            State::Starting(Startup::begin(at, passed, delay, out))
-        };
+        self.io.write(at, self.bank.word(Reg::IOPortData), out);
+        self.stale = true;
+        self.settle(at, out);
+        let delay = self.bank.clamped_value(Reg::StartupDelay).unsigned_abs();
+        self.startup = Startup::begin(at, boot, passed, delay, out);
+        self.startup.receives_from()
+    }
+
+    /// Switches the power off. Only presets follow until the next power-on.
+    pub(super) fn power_off(&mut self) {
+        self.startup = Startup::OFF;
     }
 
     /// Ends a start-up without delay. It is called before the first character is handled, when all other
     /// inputs of this instant have been handled.
     pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
-        if let State::Waking(due) = self.state
-            && due <= at
-        {
+        if self.startup.wake() {
             self.ready(at, out);
+            self.settle(at, out);
         }
     }
 
-    /// Ends the start-up. If the cause of a fault is present now, the drive is in a fault (MD3-15).
+    /// Begins normal operation.
     fn ready(&mut self, at: Instant, out: &mut dyn Context) {
-        self.state = State::Ready;
-        self.restart_cutback(at);
-        self.fault = self.causes != 0;
-        // A pin that became active before this instant causes no edge now. Functions that depend on its level
-        // apply.
-        self.latch_inputs();
+        self.current.switch_on(at);
         self.encoder.flush_filter();
         self.configure(at, out);
-        if self.bank.word(Reg::HomingConfiguration) & homing::ON_STARTUP != 0 {
-            let _ = self.home(at, out);
+        if self.homing().is_on_startup() {
+            let _ = self.with_motion(at, out, Motion::home);
         }
-        self.armed = true;
-        self.resume(at, out);
-        self.update_outputs(at, out);
+        self.motion.arm();
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        let starting = match self.state {
-            State::Starting(startup) => startup.due,
-            State::Waking(due) => due,
-            State::Off | State::Ready => Instant::NEVER,
-        };
-        starting
-            .min(self.motion_due())
-            .min(self.motor.deadline())
-            .min(self.cutback_at)
+        self.startup
+            .deadline()
+            .min(self.motion.deadline())
+            .min(self.current.deadline())
             .min(self.eeprom.deadline())
             .min(self.encoder.deadline())
     }
 
+    /// Passes the instant to all parts, if one of them is due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.encoder.deadline() <= at {
-            self.encoder.timeout(at);
-            self.stale = true;
+        if at < self.deadline() {
+            return;
         }
-        self.wake(at, out);
-        if let State::Starting(startup) = self.state
-            && startup.due <= at
-        {
-            match startup.next(at, out) {
-                Some(next) => self.state = State::Starting(next),
-                None => self.ready(at, out),
-            }
+        self.encoder.timeout(at);
+        self.stale = true;
+        if self.startup.timeout(at, out) {
+            self.ready(at, out);
         }
-        self.motor.timeout(at, out);
-        if self.motion_due() <= at {
-            self.motion_over(at, out);
-        }
-        if self.cutback_due() <= at {
-            self.cut_back = true;
-        }
+        self.with_motion(at, out, Motion::timeout);
         self.eeprom.timeout(at, out);
-        self.update_outputs(at, out);
+        self.settle(at, out);
     }
 
-    /// Time from which the drive receives.
-    pub(super) fn receives_from(&self) -> Instant {
-        match self.state {
-            State::Off => Instant::NEVER,
-            State::Starting(startup) => startup.ready + Duration::TICK,
-            State::Waking(_) | State::Ready => Instant::ZERO,
+    /// Carries out what follows from an event: motion, current, lights, BUSY, and the registers that show the
+    /// drive's state (MD3-2).
+    fn settle(&mut self, at: Instant, out: &mut dyn Context) {
+        self.with_motion(at, out, Motion::settle);
+        // J3 pin 7 is switched to ground while the motor moves, and during a fault (section 2; MD3-36).
+        let busy = self.motion.is_moving() || self.current.has_fault();
+        if self.busy != busy {
+            self.busy = busy;
+            out.put(at, Output::Level { pin: BUSY, level: open_drain(busy) });
+        }
+        self.bank.set(Reg::EEPROMControl, i64::from(self.eeprom.control()));
+        self.bank.set(Reg::MotionControl, i64::from(self.current.control() | self.motion.control()));
+    }
+
+    /// Calls a function of the motion with what it reads and changes.
+    fn with_motion<T>(
+        &mut self,
+        at: Instant,
+        out: &mut dyn Context,
+        call: impl FnOnce(&mut Motion, &mut Now<'_>) -> T,
+    ) -> T {
+        let Self { motion, bank, io, current, .. } = self;
+        call(motion, &mut Now { at, bank, io, current, out })
+    }
+
+    /// Handles an input that is not of the serial port. Never inlined, because `Md3::input` also handles each received
+    /// character.
+    #[inline(never)]
+    pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
+        match input {
+            Input::Edge { pin, high } => self.edge(at, pin, high, out),
+            // A hardware counter of a board has counted quarter cycles.
+            Input::Count { steps, a, b, .. } => {
+                self.encoder.add_counts(steps, a, b);
+                self.io.set_channels(a, b);
+                self.stale = true;
+            }
+            Input::Fault { fault, on } => self.set_fault(at, fault, on, out),
+            Input::StepsCorrection { steps, .. } => self.motion.correct_steps(steps),
+            _ => {}
+        }
+    }
+
+    /// Handles a level at a pin. During the start-up it has no effect on the motion.
+    fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
+        let Some(edge) = self.io.edge(pin, high) else { return };
+        self.stale = true;
+        match edge {
+            Edge::Request(request) => {
+                if self.startup.is_ready() {
+                    self.with_motion(at, out, |motion, now| motion.on_edge(request, now));
+                    self.settle(at, out);
+                }
+            }
+            Edge::Function => {
+                let changes = self.io.poll();
+                if self.startup.is_ready() {
+                    self.with_motion(at, out, |motion, now| motion.react(&changes, now));
+                    self.settle(at, out);
+                }
+            }
+            Edge::Encoder(channel) => {
+                self.encoder.edge(at, channel, high);
+                if channel == Channel::Index && self.startup.is_ready() {
+                    self.with_motion(at, out, Motion::check_target);
+                    self.settle(at, out);
+                }
+            }
+        }
+    }
+
+    /// The cause of a fault appears or ends.
+    fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+        if self.current.set_cause(fault, on) {
+            self.with_motion(at, out, Motion::halt);
+            self.settle(at, out);
         }
     }
 
@@ -234,34 +220,39 @@ impl Drive {
         self.bank.word(Reg::SerialPortConfiguration)
     }
 
-    pub(super) fn words(&self) -> &[u16] {
-        self.bank.words()
+    /// Microsteps in a full step (7.2).
+    pub(super) fn microsteps(&self) -> u16 {
+        self.setting().microsteps()
     }
 
-    pub(super) fn words_mut(&mut self) -> &mut [u16] {
-        self.bank.words_mut()
+    fn homing(&self) -> Homing {
+        Homing(self.bank.word(Reg::HomingConfiguration))
     }
 
-    /// Copies pins and counts to the bank. They change too often for a copy at each change, so a request
-    /// calls this first.
-    pub(super) fn refresh(&mut self) {
+    fn setting(&self) -> Setting {
+        Setting(self.bank.word(Reg::MotorCurrentAndMicrostepping))
+    }
+
+    pub(super) fn version(&self) -> Version {
+        self.current.version()
+    }
+
+    /// Access to the registers for a request from the bus. Pins and counts change too often for a copy to the bank
+    /// at each change, so this function copies them.
+    pub(super) fn bus<'a>(&'a mut self, at: Instant, out: &'a mut dyn Context) -> Bus<'a> {
         if self.stale {
             self.stale = false;
             for reg in [Reg::IOPortData, Reg::EncoderIndexCount, Reg::QuadratureEncoderCount] {
                 self.bank.set(reg, self.value(reg));
             }
         }
+        Bus { drive: self, at, out }
     }
 
     /// Present value of a register.
     fn value(&self, reg: Reg) -> i64 {
         match reg {
-            Reg::IOPortData => {
-                // Input pins read their level, output pins the written value (MD3-11).
-                let gpio = if self.gpio_outputs() { 0 } else { io_port::GPIO };
-                let pins = io_port::INPUTS | gpio;
-                i64::from(self.latch & !pins | self.levels & pins)
-            }
+            Reg::IOPortData => i64::from(self.io.value()),
             Reg::EncoderIndexCount => i64::from(self.encoder.index_count()),
             Reg::QuadratureEncoderCount => i64::from(self.encoder.count()),
             _ => self.bank.get(reg),
@@ -270,11 +261,6 @@ impl Drive {
 
     pub(super) fn peek(&self, row: usize) -> i64 {
         Reg::from_row(row).map_or(0, |reg| self.value(reg))
-    }
-
-    /// Switches the power off. Only presets follow until the next power-on.
-    pub(super) fn power_off(&mut self) {
-        self.state = State::Off;
     }
 
     pub(super) fn poke(
@@ -286,14 +272,14 @@ impl Drive {
     ) -> Result<(), PresetError> {
         let row = Reg::ENTRIES.list.get(reg.row()).ok_or(PresetError::NoSuchRegister)?;
         let identifies = reg == Reg::ProductInformation;
-        let legal = if identifies { self.version.is_product(value) } else { row.accepts(value) };
+        let legal = if identifies { self.version().is_product(value) } else { row.accepts(value) };
         if !legal {
             return Err(PresetError::OutOfRange);
         }
-        if row.saved == 0 && (self.state == State::Off || !row.access.writes() && !identifies) {
+        if row.saved == 0 && (self.startup.is_off() || !row.access.writes() && !identifies) {
             return Err(PresetError::ReadOnly);
         }
-        if self.state == State::Off {
+        if self.startup.is_off() {
             if !self.eeprom.load(self.bank.words_mut(), out) {
                 return Err(PresetError::BadMemory);
             }
@@ -307,7 +293,7 @@ impl Drive {
     }
 
     /// Applies a written register.
-    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
+    fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
         if let Err(why) = self.apply(at, reg, out) {
             why.put(at, out);
         }
@@ -318,121 +304,92 @@ impl Drive {
     /// # Errors
     /// The reason why the drive does not do what a write says.
     fn apply(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> Result<(), Why> {
+        let word = self.bank.word(reg);
         let mut done = Ok(());
         match reg {
             Reg::MotorCurrentAndMicrostepping => {
                 self.configure(at, out);
                 // A new PWM range may limit the speed in counts differently.
-                self.speed_changed(at, out);
-                done = self.check_current_code(reg);
-                if parameter(self.bank.word(reg)) > LAST_PARAMETER {
+                let _ = self.with_motion(at, out, Motion::speed_changed);
+                done = self.check_current_code(word);
+                if !Setting(word).has_parameter() {
                     done = done.and(Err(Why::ParameterCode));
                 }
             }
             Reg::HomingConfiguration
             | Reg::QuadratureEncoderConfiguration
             | Reg::QuadratureEncoderMaxCount => self.configure(at, out),
-            Reg::CurrentCutbackSettings => {
-                // The time since the last activity counts toward the new timeout.
-                self.cut_back = false;
-                self.cut_back = self.cutback_due() <= at;
-                done = self.check_current_code(reg);
-            }
+            Reg::CurrentCutbackSettings => done = self.check_current_code(word),
             Reg::StartupDelay => done = Err(Why::NextPowerOn),
             Reg::PinFunctionAndPolarity => {
                 // A write of this register starts the endless modes (7.8).
-                self.armed = true;
+                self.motion.arm();
                 self.configure(at, out);
-                self.update_port(at, out);
+                self.io.put_outputs(at, out);
+                self.stale = true;
             }
             Reg::IOPortData => {
-                self.latch = self.bank.word(reg);
-                self.update_port(at, out);
+                self.io.write(at, word, out);
+                self.stale = true;
             }
             Reg::EncoderIndexCount => self.encoder.set_index_count(self.bank.get(reg) as i32),
-            Reg::QuadratureEncoderCount => self.encoder.set_count(self.bank.word(reg)),
-            Reg::MotionControl => done = self.command(at, self.bank.word(reg), out),
-            Reg::MoveSteps | Reg::Speed | Reg::AlternateSpeed if self.motion == Motion::Profile => {
-                done = Err(Why::NextMove);
+            Reg::QuadratureEncoderCount => self.encoder.set_count(word),
+            Reg::MotionControl => done = self.with_motion(at, out, |motion, now| motion.command(word, now)),
+            Reg::MoveSteps | Reg::Speed | Reg::AlternateSpeed => {
+                done = self.with_motion(at, out, Motion::speed_changed);
             }
-            Reg::PreHomeOffset | Reg::HomeOffset | Reg::MoveSteps => self.resume(at, out),
-            Reg::Speed | Reg::AlternateSpeed => self.speed_changed(at, out),
-            Reg::AccelDecel => self.acceleration_changed(at, out),
-            Reg::EEPROMControl => done = self.eeprom_command(at, self.bank.word(reg), out),
+            Reg::AccelDecel => self.with_motion(at, out, Motion::acceleration_changed),
+            Reg::EEPROMControl => {
+                // Save the value written to the pins: the bank may hold the one read from them.
+                self.bank.set(Reg::IOPortData, i64::from(self.io.written()));
+                self.stale = true;
+                match self.eeprom.command(at, word, self.bank.words_mut(), out) {
+                    Ok(true) => self.loaded(at, out),
+                    Ok(false) => {}
+                    Err(why) => done = Err(why),
+                }
+            }
             // `DeviceAddress` and `SerialPortConfiguration` apply from the next frame on. The drive reads the
             // other registers when it uses them.
             _ => {}
         }
-        self.update_outputs(at, out);
+        self.settle(at, out);
         done
     }
 
-    /// Checks the current code of a register. A code beyond the table acts as the last one (MD3-10).
-    fn check_current_code(&self, reg: Reg) -> Result<(), Why> {
-        let exists = self.bank.word(reg) & 0xFF <= self.version.last_current_code();
-        if exists || !REPORTS_REASONS { Ok(()) } else { Err(Why::CurrentCode) }
-    }
-
-    /// Microsteps in a full step (7.2). This setting does not change counts, which are always microsteps
-    /// (MD3-17).
-    pub(super) fn microsteps(&self) -> u16 {
-        microsteps(self.bank.word(Reg::MotorCurrentAndMicrostepping))
+    /// Checks a current code. A code beyond the table acts as the last one (MD3-10).
+    fn check_current_code(&self, code: u16) -> Result<(), Why> {
+        if self.current.has_code(code) || !REPORTS_REASONS { Ok(()) } else { Err(Why::CurrentCode) }
     }
 
     /// Reads the settings of the motor, the pins and the encoder from their registers.
     fn configure(&mut self, at: Instant, out: &mut dyn Context) {
-        let pwm = pwm(self.bank.word(Reg::MotorCurrentAndMicrostepping));
-        let function = self.bank.word(Reg::PinFunctionAndPolarity);
-        let ready = self.state == State::Ready;
-        if self.motor.is_dc() != pwm.is_some() {
-            self.halt(at, out);
-        }
-        self.motor.set_pwm(at, pwm, out);
+        let setting = self.setting();
+        self.with_motion(at, out, |motion, now| motion.configure(setting, now));
+        let ready = self.startup.is_ready();
+        let changes = self.io.configure(
+            self.bank.word(Reg::PinFunctionAndPolarity),
+            self.homing(),
+            self.motion.is_dc(),
+        );
         self.encoder.configure(
             at,
             self.bank.word(Reg::QuadratureEncoderConfiguration),
             self.bank.word(Reg::QuadratureEncoderMaxCount),
-            ready && !self.gpio_outputs(),
+            ready && !self.io.has_outputs(),
         );
-        let homing = self.bank.word(Reg::HomingConfiguration);
-        let before = self.pins.mode;
-        self.pins = Pins::new(function, homing, self.motor.is_dc());
         if ready {
-            self.mode_changed(before, at, out);
-            self.poll_inputs(at, out);
+            self.with_motion(at, out, |motion, now| motion.react(&changes, now));
+            // A motion begins before the outputs get new levels.
+            self.with_motion(at, out, Motion::resume);
         }
-    }
-
-    /// Applies a write of `EEPROMControl` (7.20). If both bits are set, the drive saves.
-    ///
-    /// # Errors
-    /// The reason why the drive does not save, or does not read.
-    fn eeprom_command(&mut self, at: Instant, word: u16, out: &mut dyn Context) -> Result<(), Why> {
-        let reads = word & eeprom_control::READ != 0;
-        if word & eeprom_control::WRITE != 0 {
-            // Save the value written to the pins: the bank may hold the one read from them.
-            self.bank.set(Reg::IOPortData, i64::from(self.latch));
-            self.stale = true;
-            self.eeprom.save(at, self.bank.words(), out)?;
-            return if reads { Err(Why::SavesOnly) } else { Ok(()) };
-        }
-        if reads {
-            if self.eeprom.is_saving() {
-                return Err(Why::Saves);
-            }
-            if !self.eeprom.load(self.bank.words_mut(), out) {
-                return Err(Why::BadCrc);
-            }
-            self.loaded(at, out);
-        }
-        Ok(())
     }
 
     /// Applies all saved registers after they were loaded at once. A running motion gets the new acceleration
     /// first; an endless mode starts with the new values. The reasons of the registers are not the request's.
     fn loaded(&mut self, at: Instant, out: &mut dyn Context) {
         let control = self.bank.word(Reg::MotionControl);
-        self.acceleration_changed(at, out);
+        self.with_motion(at, out, Motion::acceleration_changed);
         for reg in [
             Reg::MotorCurrentAndMicrostepping,
             Reg::CurrentCutbackSettings,
@@ -442,52 +399,33 @@ impl Drive {
         ] {
             let _ = self.apply(at, reg, out);
         }
-        let _ = self.command(at, control, out);
-    }
-
-    /// A board has made `steps` more steps than the plan has.
-    pub(super) fn correct_steps(&mut self, steps: i32) {
-        self.motor.correct_steps(steps);
-    }
-
-    /// Returns true if J2 pins 9, 10 and 12 are outputs.
-    pub(super) fn gpio_outputs(&self) -> bool {
-        self.bank.word(Reg::PinFunctionAndPolarity) & pin_function::OUTPUTS != 0
-    }
-
-    /// Updates the current, the lights, BUSY, and the registers that show the drive's state (MD3-2).
-    pub(super) fn update_outputs(&mut self, at: Instant, out: &mut dyn Context) {
-        self.update_current(at, out);
-        self.cutback_at = self.cutback_due();
-        // J3 pin 7 is switched to ground while the motor moves, and during a fault (section 2; MD3-36).
-        let moves = if self.motor.is_dc() { self.motor.is_driven() } else { self.motion != Motion::None };
-        let busy = moves || self.fault;
-        if self.busy != busy {
-            self.busy = busy;
-            out.put(at, Output::Level { pin: BUSY, level: open_drain(busy) });
-        }
-        self.bank.set(Reg::EEPROMControl, i64::from(self.eeprom.control()));
-        let disable = if self.disabled { motion_control::DISABLE } else { 0 };
-        let fault = if self.fault { motion_control::FAULT } else { 0 };
-        self.bank.set(Reg::MotionControl, i64::from(fault | disable | self.motion.bit()));
-    }
-
-    /// Drives the outputs of IOPortData (7.9).
-    fn update_port(&mut self, at: Instant, out: &mut dyn Context) {
-        self.stale = true;
-        out.put(at, Output::Level { pin: J3_8, level: open_drain(self.latch & io_port::J3_8 != 0) });
-        for (pin, bit) in [(J2_9, io_port::J2_9), (J2_10, io_port::J2_10), (J2_12, io_port::J2_12)] {
-            let level = match (self.gpio_outputs(), self.latch & bit != 0) {
-                (false, _) => Level::Float,
-                (true, false) => Level::Low,
-                (true, true) => Level::High,
-            };
-            out.put(at, Output::Level { pin, level });
-        }
+        let _ = self.with_motion(at, out, |motion, now| motion.command(control, now));
     }
 }
 
-/// Level of a transistor to ground: low if it is on.
-fn open_drain(on: bool) -> Level {
-    if on { Level::Low } else { Level::Float }
+/// Access to the drive's registers during a request from the bus.
+pub(super) struct Bus<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Context,
+}
+
+impl RequestHandler for Bus<'_> {
+    type Register = Reg;
+
+    fn words(&self) -> &[u16] {
+        self.drive.bank.words()
+    }
+
+    fn words_mut(&mut self) -> &mut [u16] {
+        self.drive.bank.words_mut()
+    }
+
+    fn refresh(&mut self, _register: Reg) {
+        // `Drive::bus` has refreshed the whole bank.
+    }
+
+    fn written(&mut self, register: Reg) {
+        self.drive.written(self.at, register, self.out);
+    }
 }

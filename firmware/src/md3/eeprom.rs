@@ -4,12 +4,19 @@ use drivetwin_protocol::registers::Register;
 
 use super::MEMORY;
 use super::reasons::Why;
-use super::registers::{Reg, eeprom_control};
+use super::registers::Reg;
 use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, PendingSave, Save};
 
 /// Duration of a save (7.20 does not give it; MD3-12).
 const SAVE: Duration = Duration::millis(20);
+
+/// Bits of `EEPROMControl`: load all registers, save all registers.
+const READ: u16 = 1 << 1;
+const WRITE: u16 = 1 << 0;
+/// CRC status in `EEPROMControl`: the image passed, or failed.
+const PASS: u16 = 0x9a00;
+const FAIL: u16 = 0xf100;
 
 /// State of the EEPROM.
 #[derive(Clone, Debug)]
@@ -21,17 +28,41 @@ pub(super) struct Eeprom {
 
 impl Eeprom {
     pub(super) fn new() -> Self {
-        Self { status: eeprom_control::PASS, save: PendingSave::NONE }
+        Self { status: PASS, save: PendingSave::NONE }
     }
 
     /// Value of `EEPROMControl` when read.
     pub(super) fn control(&self) -> u16 {
-        self.status | if self.save.is_running() { eeprom_control::WRITE } else { 0 }
+        self.status | if self.save.is_running() { WRITE } else { 0 }
     }
 
-    /// Returns true if a save is running.
-    pub(super) fn is_saving(&self) -> bool {
-        self.save.is_running()
+    /// Executes a write of `EEPROMControl`. If both bits are set, the drive saves. Returns true if it has loaded
+    /// the registers.
+    ///
+    /// # Errors
+    /// The reason why the drive does not save, or does not load.
+    pub(super) fn command(
+        &mut self,
+        at: Instant,
+        word: u16,
+        words: &mut [u16],
+        out: &mut dyn Context,
+    ) -> Result<bool, Why> {
+        match (word & WRITE != 0, word & READ != 0) {
+            (false, false) => Ok(false),
+            _ if self.save.is_running() => Err(Why::Saves),
+            (false, true) => {
+                if self.load(words, out) {
+                    Ok(true)
+                } else {
+                    Err(Why::BadCrc)
+                }
+            }
+            (true, reads) => {
+                self.save.begin(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
+                if reads { Err(Why::SavesOnly) } else { Ok(false) }
+            }
+        }
     }
 
     /// Loads the saved registers. A new memory gives the factory values; a bad memory leaves the registers
@@ -44,20 +75,8 @@ impl Eeprom {
             Content::Bad => {}
         }
         let passed = content != Content::Bad;
-        self.status = if passed { eeprom_control::PASS } else { eeprom_control::FAIL };
+        self.status = if passed { PASS } else { FAIL };
         passed
-    }
-
-    /// Starts to save the registers.
-    ///
-    /// # Errors
-    /// A save is running already.
-    pub(super) fn save(&mut self, at: Instant, words: &[u16], out: &mut dyn Context) -> Result<(), Why> {
-        if self.save.is_running() {
-            return Err(Why::Saves);
-        }
-        self.save.begin(Save::of_rows::<MEMORY>(Reg::ENTRIES, words, at, SAVE, out));
-        Ok(())
     }
 
     pub(super) fn deadline(&self) -> Instant {

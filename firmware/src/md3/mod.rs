@@ -9,10 +9,10 @@ mod drive;
 mod eeprom;
 mod encoder;
 mod fields;
-mod inputs;
+mod homing;
+mod io;
 mod motion;
 mod motor;
-mod pins;
 mod reasons;
 mod registers;
 mod startup;
@@ -22,12 +22,12 @@ mod tests;
 use drivetwin_protocol::modbus::Frame;
 use drivetwin_protocol::modbus::pdu::{Exception, READ_HOLDING_REGISTERS, WRITE_SINGLE_REGISTER};
 use drivetwin_protocol::modbus::rtu::RtuReceiver;
-use drivetwin_protocol::modbus::server::{RequestHandler, Rules};
-use drivetwin_protocol::registers::{Register, Table};
+use drivetwin_protocol::modbus::server::Rules;
+use drivetwin_protocol::registers::{Bank, Register, Table};
 
 use self::drive::Drive;
+use self::registers::Version;
 pub use self::registers::{Reg, line, motion_control};
-use self::registers::{Version, io_port};
 use crate::device::{
     Axis, AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level,
     Line, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, reported,
@@ -48,21 +48,19 @@ const DIR: Pin = Pin(10);
 const RED: Pin = Pin(11);
 const GREEN: Pin = Pin(12);
 
-/// Bits in `IOPortData` (7.9) of the pins that are always or sometimes inputs: element n belongs to `Pin(n)`.
-const PORT_BITS: [u16; 7] = [
-    io_port::J2_2,
-    io_port::J2_3,
-    io_port::J2_4,
-    io_port::J2_5,
-    io_port::J2_9,
-    io_port::J2_10,
-    io_port::J2_12,
-];
+/// The registers of an MD3.
+type Words = Bank<Reg, { Reg::WORDS }>;
+
 /// Size of the EEPROM that holds the registers, in bytes.
 pub const MEMORY: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 
 const fn pin(name: &'static str, role: Role, idle: Level) -> PinSpec {
     PinSpec::new(name, role, idle)
+}
+
+/// Level of a transistor to ground: low if it is on.
+fn open_drain(on: bool) -> Level {
+    if on { Level::Low } else { Level::Float }
 }
 
 #[rustfmt::skip]
@@ -117,7 +115,7 @@ const fn spec(kind: &'static str, product: &'static str, registers: &'static Tab
         memory: MEMORY as u16,
         registers,
         address: Some(Reg::DeviceAddress as usize),
-        dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, registers::motor::DC)),
+        dc_motor: Some((Reg::MotorCurrentAndMicrostepping as usize, motor::DC)),
         reasons: reasons::REASONS,
         rules: Some(&RULES),
         not_modelled: reported(&NOT_MODELLED),
@@ -170,11 +168,10 @@ impl Md3 {
 
     /// Processes the received frame when it is complete.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
-        self.drive.refresh();
         let setting = self.drive.serial_port();
         let unit = self.drive.address();
         let mut reply = Frame::new();
-        let mut bus = Bus { drive: &mut self.drive, at, out };
+        let mut bus = self.drive.bus(at, out);
         let Some(outcome) = self.serial.serve(unit, &RULES, &mut bus, &mut reply) else { return };
         let sent = self.serial.answer(at, Duration::ZERO, outcome, &mut reply, out);
         if self.drive.serial_port() != setting {
@@ -192,15 +189,15 @@ impl Md3 {
 
 impl Device for Md3 {
     fn spec(&self) -> &'static Spec {
-        match self.drive.version {
+        match self.drive.version() {
             Version::HighCurrent => &HIGH_CURRENT,
             Version::LowCurrent => &LOW_CURRENT,
         }
     }
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
-        self.drive.power_on(at, boot, out);
-        self.serial.start(at, self.line(), self.drive.receives_from(), out);
+        let receives_from = self.drive.power_on(at, boot, out);
+        self.serial.start(at, self.line(), receives_from, out);
     }
 
     fn power_off(&mut self) {
@@ -221,11 +218,7 @@ impl Device for Md3 {
                 self.serial.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
-            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
-            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
-            Input::Count { steps, a, b, .. } => self.drive.on_count(steps, a, b),
-            Input::StepsCorrection { steps, .. } => self.drive.correct_steps(steps),
-            _ => {}
+            _ => self.drive.input(at, input, out),
         }
     }
 
@@ -238,9 +231,7 @@ impl Device for Md3 {
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.drive.deadline() <= at {
-            self.drive.timeout(at, out);
-        }
+        self.drive.timeout(at, out);
         if self.serial.is_over(at) {
             self.serve(at, out);
         }
@@ -268,32 +259,5 @@ impl Device for Md3 {
 
     fn microsteps(&self, _axis: Axis) -> u16 {
         self.drive.microsteps()
-    }
-}
-
-/// Access to the drive's registers during a request from the bus.
-struct Bus<'a> {
-    drive: &'a mut Drive,
-    at: Instant,
-    out: &'a mut dyn Context,
-}
-
-impl RequestHandler for Bus<'_> {
-    type Register = Reg;
-
-    fn words(&self) -> &[u16] {
-        self.drive.words()
-    }
-
-    fn words_mut(&mut self) -> &mut [u16] {
-        self.drive.words_mut()
-    }
-
-    fn refresh(&mut self, _register: Reg) {
-        // `serve` has refreshed the whole bank before the request.
-    }
-
-    fn written(&mut self, register: Reg) {
-        self.drive.written(self.at, register, self.out);
     }
 }

@@ -1,13 +1,83 @@
 //! The drive's outputs to its motor: steps along a plan while there is current, or a duty cycle.
 
-use core::num::NonZeroU64;
+use core::num::{NonZeroU32, NonZeroU64};
 
+use drivetwin_protocol::time::TICKS_PER_SECOND;
 use fixed::types::{I24F8, I48F16};
 
 use super::AXIS;
-use super::registers::Pwm;
-use crate::device::{Context, Instant, Output, Plan};
+use crate::device::{Context, Duration, Instant, Output, Plan};
 use crate::motion::Limits;
+
+/// Bit of `MotorCurrentAndMicrostepping`: a DC motor is connected to phase B.
+pub(super) const DC: u16 = 1 << 13;
+
+/// A value of `MotorCurrentAndMicrostepping` (7.2).
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Setting(pub(super) u16);
+
+impl Setting {
+    /// Microsteps in a full step of a stepper. Codes beyond the table act as its last row. They do not change
+    /// counts, which are always microsteps (MD3-17).
+    pub(super) fn microsteps(self) -> u16 {
+        if self.is_dc() { 1 } else { 1 << self.parameter().min(LAST_PARAMETER) }
+    }
+
+    /// Returns true for a stepper without microsteps.
+    pub(super) fn is_full_step(self) -> bool {
+        !self.is_dc() && self.parameter() == 0
+    }
+
+    /// Returns true if the tables have the microstepping or PWM code.
+    pub(super) fn has_parameter(self) -> bool {
+        self.parameter() <= LAST_PARAMETER
+    }
+
+    fn is_dc(self) -> bool {
+        self.0 & DC != 0
+    }
+
+    /// The motor control parameter: the microstepping or PWM code.
+    fn parameter(self) -> u16 {
+        self.0 >> 8 & 0x1F
+    }
+
+    /// PWM of a DC motor; `None` for a stepper. Codes beyond the table act as its last row.
+    fn pwm(self) -> Option<Pwm> {
+        if !self.is_dc() {
+            return None;
+        }
+        let (hz, range) = PWM.get(usize::from(self.parameter().min(LAST_PARAMETER)))?;
+        let ticks = (TICKS_PER_SECOND as u32).checked_div(*hz)?;
+        Some(Pwm { period: Duration::from_ticks(ticks.into()), range: NonZeroU32::new(*range)? })
+    }
+}
+
+/// Last microstepping or PWM code of the tables.
+const LAST_PARAMETER: u16 = 8;
+
+/// PWM frequencies in Hz, in the order of the motor control parameter, and the duty cycle steps of each
+/// (7.2).
+const PWM: [(u32, u32); 9] = [
+    (500, 40_000),
+    (1_000, 20_000),
+    (2_000, 40_000),
+    (5_000, 16_000),
+    (10_000, 8_000),
+    (16_000, 5_000),
+    (20_000, 4_000),
+    (25_000, 3_200),
+    (40_000, 2_000),
+];
+
+/// PWM of a DC motor (7.2).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+struct Pwm {
+    /// Duration of a PWM cycle.
+    period: Duration,
+    /// Number of counts in a whole cycle: the on time at full duty.
+    range: NonZeroU32,
+}
 
 /// Duty of a motor that is always on.
 const FULL: i32 = 1 << 16;
@@ -24,7 +94,8 @@ pub(super) struct Motor {
     step_offset: i32,
     /// Position at which the motor stands while it does not follow the plan; `None` while it follows.
     held_position: Option<i32>,
-    has_current: bool,
+    /// Peak phase current, in mA.
+    current: u32,
     pwm: Option<Pwm>,
     /// Duty of the brush motor, in 1/65536 of full on, signed.
     duty: i32,
@@ -40,7 +111,7 @@ impl Motor {
             plan: Plan::at_rest(at, 0),
             step_offset: 0,
             held_position: Some(0),
-            has_current: false,
+            current: 0,
             pwm: None,
             duty: 0,
             target_counts: I24F8::ZERO,
@@ -48,9 +119,10 @@ impl Motor {
         }
     }
 
-    /// Power-on: puts the first plan.
+    /// Power-on: puts the first plan and current.
     pub(super) fn begin(&self, at: Instant, out: &mut dyn Context) {
         out.put(at, Output::Plan { axis: AXIS, plan: &self.plan });
+        out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.current });
     }
 
     /// End of the plan.
@@ -63,9 +135,14 @@ impl Motor {
         self.pwm.is_some()
     }
 
-    /// PWM of a brush motor; `None` for a stepper.
-    pub(super) fn pwm(&self) -> Option<Pwm> {
-        self.pwm
+    /// A speed in steps/s, or in counts of a brush motor: at most all counts of a PWM cycle.
+    pub(super) fn speed(&self, speed: i32) -> I24F8 {
+        let speed = match self.pwm {
+            Some(pwm) => speed.min(pwm.range.get().cast_signed()).max(-pwm.range.get().cast_signed()),
+            None => speed,
+        };
+        // The value is at most 40,000, so the shift does not overflow.
+        I24F8::from_bits(speed << 8)
     }
 
     /// Returns true if a brush motor has a duty other than 0.
@@ -73,19 +150,37 @@ impl Motor {
         self.duty != 0
     }
 
-    /// Selects a stepper (`None`), or a brush motor with this PWM. Counts refer to the new range from the
-    /// next PWM period on. The caller has stopped the motor before a change of the motor type.
-    pub(super) fn set_pwm(&mut self, at: Instant, pwm: Option<Pwm>, out: &mut dyn Context) {
-        self.pwm = pwm;
+    /// Returns true if a setting changes the type of the motor. The motor must stop before.
+    pub(super) fn is_changed_by(&self, setting: Setting) -> bool {
+        self.is_dc() != setting.is_dc()
+    }
+
+    /// Selects a stepper, or a brush motor and its PWM. Counts refer to the new range from the next PWM period on.
+    pub(super) fn configure(&mut self, at: Instant, setting: Setting, out: &mut dyn Context) {
+        self.pwm = setting.pwm();
         self.update_output(at, out);
     }
 
-    /// Switches the motor's current on or off.
-    pub(super) fn energize(&mut self, at: Instant, on: bool, out: &mut dyn Context) {
-        if self.has_current != on {
-            self.has_current = on;
+    /// Peak phase current, in mA.
+    pub(super) fn current(&self) -> u32 {
+        self.current
+    }
+
+    /// Sets the current.
+    pub(super) fn set_current(&mut self, at: Instant, ma: u32, out: &mut dyn Context) {
+        if self.current == ma {
+            return;
+        }
+        let had_current = self.has_current();
+        self.current = ma;
+        out.put(at, Output::CurrentLimit { axis: AXIS, ma });
+        if self.has_current() != had_current {
             self.update_output(at, out);
         }
+    }
+
+    fn has_current(&self) -> bool {
+        self.current > 0
     }
 
     /// Starts a profile move of `steps` steps from standstill.
@@ -163,7 +258,7 @@ impl Motor {
 
     /// Starts or stops to follow the plan, as the current and the motor type require.
     fn update_output(&mut self, at: Instant, out: &mut dyn Context) {
-        let is_held = !self.has_current || self.pwm.is_some();
+        let is_held = !self.has_current() || self.pwm.is_some();
         let is_over = self.end() <= at;
         match self.held_position {
             None if is_held => {
@@ -183,7 +278,7 @@ impl Motor {
             }
             _ => {}
         }
-        if !self.has_current {
+        if !self.has_current() {
             self.set_duty(at, 0, out);
         }
         self.schedule(at);
@@ -193,7 +288,7 @@ impl Motor {
     fn schedule(&mut self, at: Instant) {
         self.next_period = match self.pwm {
             Some(Pwm { period, .. })
-                if self.has_current && self.duty != self.duty_of(self.target_counts.into()) =>
+                if self.has_current() && self.duty != self.duty_of(self.target_counts.into()) =>
             {
                 let begun = at.since(Instant::ZERO) / period;
                 Instant::ZERO + period * (begun + 1)

@@ -1,13 +1,9 @@
 //! The register map of the MD3 in the order of chapter 7, with the manual's names.
 
-use core::num::NonZeroU32;
-
 use drivetwin_protocol::line::{Line, Parity};
 use drivetwin_protocol::registers::{Register, Row, Table};
-use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 use super::fields;
-use crate::device::Duration;
 
 /// The factory value of [`Reg::SerialPortConfiguration`]: 9600 8E1.
 const FACTORY_SERIAL_PORT: u16 = 0x0021;
@@ -88,20 +84,6 @@ pub mod motion_control {
     pub const JOG: u16 = 1 << 1;
     /// Execute a profile move.
     pub const MOVE: u16 = 1 << 0;
-    /// The bits that start a motion.
-    pub(in super::super) const MOTIONS: u16 = HOME | JOG | MOVE;
-}
-
-/// Bits of [`Reg::EEPROMControl`] (7.20).
-pub(super) mod eeprom_control {
-    /// Load all registers.
-    pub(in super::super) const READ: u16 = 1 << 1;
-    /// Save all registers.
-    pub(in super::super) const WRITE: u16 = 1 << 0;
-    /// CRC status: the image passed.
-    pub(in super::super) const PASS: u16 = 0x9a00;
-    /// CRC status: the image failed.
-    pub(in super::super) const FAIL: u16 = 0xf100;
 }
 
 /// The serial line that a value of [`Reg::SerialPortConfiguration`] selects (7.22). Parity code 3 is not in
@@ -127,78 +109,6 @@ pub const fn line(configuration: u16) -> Line {
     Line::new(baud, 8, parity, stop)
 }
 
-/// Fields of [`Reg::MotorCurrentAndMicrostepping`] (7.2).
-pub(super) mod motor {
-    /// A DC motor is connected to phase B.
-    pub(in super::super) const DC: u16 = 1 << 13;
-    /// Bit position of the motor control parameter: microstepping, or the PWM frequency.
-    pub(in super::super) const PARAMETER_AT: u16 = 8;
-}
-
-/// Fields of [`Reg::HomingConfiguration`] (7.5).
-pub(super) mod homing {
-    /// Run a home cycle after start-up.
-    pub(in super::super) const ON_STARTUP: u16 = 1 << 0;
-    /// The search goes backward.
-    pub(in super::super) const BACKWARD: u16 = 1 << 4;
-
-    /// Home mode: the target of the search, and the kind of stop there.
-    #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-    pub(in super::super) struct Mode {
-        /// True for the index on J2 pin 9, false for the flag on pin 2.
-        pub(in super::super) by_index: bool,
-        /// True for a stop with a ramp, false for a stop at once.
-        pub(in super::super) with_ramp: bool,
-    }
-
-    /// The homing mode; `None` for the codes that the manual does not print.
-    pub(in super::super) const fn mode(configuration: u16) -> Option<Mode> {
-        let (by_index, with_ramp) = match configuration >> 1 & 7 {
-            0 => (false, false),
-            1 => (false, true),
-            2 => (true, false),
-            3 => (true, true),
-            _ => return None,
-        };
-        Some(Mode { by_index, with_ramp })
-    }
-
-    /// Number of times that the speed of the search is halved.
-    pub(in super::super) const fn divisor(configuration: u16) -> u16 {
-        configuration >> 5 & 7
-    }
-}
-
-/// Fields of [`Reg::PinFunctionAndPolarity`] (7.8).
-pub(super) mod pin_function {
-    /// J2 pins 9, 10 and 12 are outputs, and no encoder inputs. The manual's name of the bit says the
-    /// opposite.
-    pub(in super::super) const OUTPUTS: u16 = 1 << 12;
-    /// Bit position of the function of pin 2.
-    pub(in super::super) const PIN_2_AT: u16 = 10;
-    /// Bit position of the function of pin 3.
-    pub(in super::super) const PIN_3_AT: u16 = 8;
-    /// Bit position of the function of pins 4 and 5.
-    pub(in super::super) const PINS_4_5_AT: u16 = 4;
-}
-
-/// Bits of [`Reg::IOPortData`] (7.9). The polarities of pins 2 to 5 in [`Reg::PinFunctionAndPolarity`] are at
-/// the same bits.
-pub(super) mod io_port {
-    pub(in super::super) const J3_8: u16 = 1 << 7;
-    pub(in super::super) const J2_9: u16 = 1 << 6;
-    pub(in super::super) const J2_10: u16 = 1 << 5;
-    pub(in super::super) const J2_12: u16 = 1 << 4;
-    pub(in super::super) const J2_2: u16 = 1 << 3;
-    pub(in super::super) const J2_3: u16 = 1 << 2;
-    pub(in super::super) const J2_4: u16 = 1 << 1;
-    pub(in super::super) const J2_5: u16 = 1 << 0;
-    /// Pins that are always inputs.
-    pub(in super::super) const INPUTS: u16 = J2_2 | J2_3 | J2_4 | J2_5;
-    /// Pins that are inputs or outputs.
-    pub(in super::super) const GPIO: u16 = J2_9 | J2_10 | J2_12;
-}
-
 /// The version of the drive, by its maximum current (7.2, 7.21).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Version {
@@ -217,82 +127,11 @@ impl Version {
         }
     }
 
-    /// Last current code of the table (7.2).
-    pub(super) const fn last_current_code(self) -> u16 {
-        match self {
-            Self::HighCurrent => 0x1e,
-            Self::LowCurrent => 0x24,
-        }
-    }
-
     /// Returns true if `ProductInformation` may have this value: any firmware version in the low byte is
     /// allowed.
     pub(super) const fn is_product(self, value: i64) -> bool {
         value & !0xFF == self.product() & !0xFF
     }
-}
-
-/// Last microstepping or PWM code of the tables (7.2).
-pub(super) const LAST_PARAMETER: u16 = 8;
-
-/// The motor control parameter of a setting: the microstepping or PWM code.
-pub(super) const fn parameter(setting: u16) -> u16 {
-    setting >> motor::PARAMETER_AT & 0x1F
-}
-
-/// Peak phase current in mA of a current code (7.2). Above 2 A a step of the high current version is larger.
-/// Codes beyond the table act as its last row (MD3-10).
-pub(super) fn current_ma(version: Version, code: u16) -> u32 {
-    let code = u32::from((code & 0xFF).min(version.last_current_code()));
-    match (version, code) {
-        (Version::HighCurrent, 0..=0x14) => 100 * code,
-        (Version::HighCurrent, _) => 2_000 + 500 * (code - 0x14),
-        (Version::LowCurrent, _) => 50 * code,
-    }
-}
-
-/// Percentage of the peak current that a stepper's phases get: 71 at full step (7.2), else 100.
-pub(super) fn microstepping_percent(setting: u16) -> u32 {
-    if setting & motor::DC == 0 && parameter(setting) == 0 { 71 } else { 100 }
-}
-
-/// Microsteps in a full step of a stepper (7.2). Codes beyond the table act as its last row.
-pub(super) fn microsteps(setting: u16) -> u16 {
-    if setting & motor::DC != 0 { 1 } else { 1 << parameter(setting).min(LAST_PARAMETER) }
-}
-
-/// PWM of a DC motor (7.2).
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Pwm {
-    /// Duration of a PWM cycle.
-    pub(super) period: Duration,
-    /// Number of counts in a whole cycle: the on time at full duty.
-    pub(super) range: NonZeroU32,
-}
-
-/// PWM frequencies in Hz, in the order of the motor control parameter, and the duty cycle steps of each
-/// (7.2).
-const PWM: [(u32, u32); 9] = [
-    (500, 40_000),
-    (1_000, 20_000),
-    (2_000, 40_000),
-    (5_000, 16_000),
-    (10_000, 8_000),
-    (16_000, 5_000),
-    (20_000, 4_000),
-    (25_000, 3_200),
-    (40_000, 2_000),
-];
-
-/// PWM of a DC motor for `setting` of [`Reg::MotorCurrentAndMicrostepping`]; `None` for a stepper. Codes
-/// beyond the table act as its last row.
-pub(super) fn pwm(setting: u16) -> Option<Pwm> {
-    if setting & motor::DC == 0 {
-        return None;
-    }
-    let (hz, range) = PWM.get(usize::from(parameter(setting).min(LAST_PARAMETER)))?;
-    let ticks = (TICKS_PER_SECOND as u32).checked_div(*hz)?;
-    Some(Pwm { period: Duration::from_ticks(ticks.into()), range: NonZeroU32::new(*range)? })
 }
 
 /// The rows of the low current version. Only `ProductInformation` differs (7.21).

@@ -1,7 +1,7 @@
-//! The MD3's two lights, and its start-up (sections 2, 4 and 7.20; MD3-13).
+//! The start-up and the MD3's two lights (sections 2, 4 and 7.20; MD3-13).
 
 use super::{GREEN, RED};
-use crate::device::{Context, Duration, Instant, Level, Output};
+use crate::device::{Boot, Context, Duration, Instant, Level, Output};
 
 /// Built-in delay before the drive supplies the motor and listens (7.4).
 const STARTUP: Duration = Duration::millis(2_500);
@@ -20,29 +20,43 @@ const TURN: Duration = Duration::millis(500);
 /// Period of the heartbeat, and of the flashes in a fault (about 1.5 s by section 2).
 const HEARTBEAT: Duration = Duration::millis(1_500);
 
-/// State of a drive during start-up.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+/// The way from power-on to ready.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Startup {
     phase: Phase,
     /// End of the phase.
-    pub(super) due: Instant,
+    due: Instant,
     /// Time at which the drive is ready.
-    pub(super) ready: Instant,
+    ready: Instant,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Phase {
-    /// Flashes that show if the EEPROM was good.
+    /// No power.
+    Off,
+    /// Flashes that show if the EEPROM was good. During start-up the motor has no current, and the drive does
+    /// not listen.
     Flashes,
     /// Green is on for the first time, before the lights alternate.
     Green,
     /// Green and red alternate.
     Alternate,
+    /// Boot without start-up delay: the drive becomes ready after all inputs of this instant.
+    Waking,
+    /// Normal operation, or a fault.
+    Ready,
 }
 
 impl Startup {
-    /// Starts the first phase. `passed` is the result of the EEPROM, `delay` the register `StartupDelay`.
-    pub(super) fn begin(at: Instant, passed: bool, delay: u64, out: &mut dyn Context) -> Self {
+    /// No power.
+    pub(super) const OFF: Self = Self { phase: Phase::Off, due: Instant::NEVER, ready: Instant::NEVER };
+    const READY: Self = Self { phase: Phase::Ready, ..Self::OFF };
+
+    /// Begins at power-on. `passed` is the result of the EEPROM, `delay` the register `StartupDelay`.
+    pub(super) fn begin(at: Instant, boot: Boot, passed: bool, delay: u64, out: &mut dyn Context) -> Self {
+        if boot.fast {
+            return Self { phase: Phase::Waking, due: at, ready: at };
+        }
         let flashes = |pin| Output::Wave { pin, period: FLASH, high: BRIGHT };
         out.put(at, flashes(RED));
         let (flashing, delayed) = if passed {
@@ -56,23 +70,55 @@ impl Startup {
         Self { phase: Phase::Flashes, due: at + flashing, ready }
     }
 
-    /// Returns the next phase after the end of this one, or `None` when the drive is ready.
-    pub(super) fn next(self, at: Instant, out: &mut dyn Context) -> Option<Self> {
+    /// Returns true without power.
+    pub(super) fn is_off(&self) -> bool {
+        self.phase == Phase::Off
+    }
+
+    /// Returns true after the start-up.
+    pub(super) fn is_ready(&self) -> bool {
+        self.phase == Phase::Ready
+    }
+
+    /// Time from which the drive receives, asked at power-on.
+    pub(super) fn receives_from(&self) -> Instant {
+        if self.phase == Phase::Waking { Instant::ZERO } else { self.ready + Duration::TICK }
+    }
+
+    /// Ends a start-up without delay, before the first character of the instant of power-on. Returns true if
+    /// the drive becomes ready.
+    pub(super) fn wake(&mut self) -> bool {
+        let wakes = self.phase == Phase::Waking;
+        if wakes {
+            *self = Self::READY;
+        }
+        wakes
+    }
+
+    /// End of the present phase.
+    pub(super) fn deadline(&self) -> Instant {
+        self.due
+    }
+
+    /// Begins the next phase, if it is due. Returns true if the drive becomes ready.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+        if at < self.due {
+            return false;
+        }
         if at >= self.ready {
-            return None;
+            *self = Self::READY;
+            return true;
         }
         let turns = |pin| Output::Wave { pin, period: TURN * 2, high: TURN };
-        Some(match self.phase {
-            Phase::Flashes => {
-                out.put(at, turns(GREEN));
-                out.put(at, Output::Level { pin: RED, level: Level::Low });
-                Self { phase: Phase::Green, due: (at + TURN).min(self.ready), ..self }
-            }
-            Phase::Green | Phase::Alternate => {
-                out.put(at, turns(RED));
-                Self { phase: Phase::Alternate, due: self.ready, ..self }
-            }
-        })
+        if self.phase == Phase::Flashes {
+            out.put(at, turns(GREEN));
+            out.put(at, Output::Level { pin: RED, level: Level::Low });
+            (self.phase, self.due) = (Phase::Green, (at + TURN).min(self.ready));
+        } else {
+            out.put(at, turns(RED));
+            (self.phase, self.due) = (Phase::Alternate, self.ready);
+        }
+        false
     }
 }
 

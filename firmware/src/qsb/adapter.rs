@@ -1,23 +1,39 @@
-//! The adapter between two resets: its state and its events.
+//! The adapter: commands and their responses, streams, start-up and resets.
 //!
-//! The other files add functions to it.
+//! | file | part of the adapter |
+//! |---|---|
+//! | `command` | commands and responses as text |
+//! | `instrument` | the parts whose state the registers show and set |
+//! | `encoder` | the signals at A, B and I |
+//! | `port` | the digital port |
+//! | `clock` | the clock of 512 Hz |
+//! | `motor` | the motor drive of a QSB-M |
+//! | `stream` | the streams: which register is sent when |
+//! | `serial` | the serial line, on which texts wait for each other |
+//! | `saved` | the values in the non-volatile memory |
+//! | `reasons` | reasons why an accepted request has no effect |
+//!
+//! A part knows nothing of the adapter. The instrument has the encoder, the port, the clock and the motor; the streams
+//! read it.
 
-use drivetwin_protocol::registers::{Bank, Entry};
+use drivetwin_protocol::registers::{Entry, Register, Shape, Space};
+use drivetwin_protocol::text::{Lines, TextLine};
 
-use super::clock::Clock;
-use super::command;
-use super::encoder::Pwm;
-use super::motor::Motor;
-use super::registers::{Reg, Variant, mdr1};
+use super::command::{self, Command, LINE_CHARACTERS, Response, Verb};
+use super::instrument::{Instrument, stored_value};
+use super::motor::Order;
+use super::registers::{Reg, Variant};
+use super::saved::Saved;
 use super::serial::Serial;
-use super::stream::{self, Streams};
-use super::{A, B, I, Words};
-use crate::counter::{Channel, Ls7366r, status};
-use crate::device::{Boot, Context, Duration, Input, Instant, LOGIC_HIGH_MV};
-use crate::memory::PendingSave;
+use super::stream::Streams;
+use super::{USB, Words};
+use crate::device::{Boot, Context, DropReason, Duration, Input, Instant, LogEvent, Output, PresetError};
 
 /// Time from a reset to the banner; the list of commands does not specify it (QSB-6).
 const STARTUP: Duration = Duration::millis(50);
+
+/// Drops the characters of a command received so far (QSB-1).
+const BACKSPACE: u8 = 0x08;
 
 /// State of the adapter, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -29,71 +45,40 @@ enum State {
     Ready,
 }
 
-/// Levels of the inputs. They stay unchanged by a reset.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Pins {
-    pub(super) a: bool,
-    b: bool,
-    index: bool,
-    /// Voltage at A, in mV.
-    pub(super) mv: i32,
-    /// Levels of DIO3 to DIO0, a bit each.
-    pub(super) dio: u8,
-}
-
-impl Pins {
-    /// Levels with no connection.
-    const OPEN: Self = Self { a: true, b: true, index: false, mv: LOGIC_HIGH_MV, dio: 0xF };
-}
-
-/// A QSB without the receiving part of its port.
+/// A QSB without its description.
 #[derive(Clone, Debug)]
 pub(super) struct Adapter {
-    pub(super) variant: Variant,
     state: State,
     /// True if there is no start-up delay.
     fast: bool,
-    pub(super) pins: Pins,
-    /// The registers; DIG I/O holds the value written last.
-    pub(super) bank: Words,
-    pub(super) clock: Clock,
-    pub(super) serial: Serial,
-    pub(super) counter: Ls7366r,
-    pub(super) pwm: Pwm,
-    /// Bits of the port's lines that the adapter pulls low, without those of the motor drive.
-    pub(super) pulled: u8,
-    /// End of a trigger's pulse; DIO0 is inverted during the pulse.
-    pub(super) pulse: Option<Instant>,
-    pub(super) streams: Streams,
-    pub(super) motor: Motor,
-    pub(super) save: PendingSave,
+    /// Received characters of a command.
+    lines: Lines<LINE_CHARACTERS>,
+    instrument: Instrument,
+    serial: Serial,
+    streams: Streams,
+    saved: Saved,
 }
 
 impl Adapter {
     pub(super) fn new(variant: Variant) -> Self {
         let at = Instant::ZERO;
         Self {
-            variant,
             state: State::Off,
             fast: false,
-            pins: Pins::OPEN,
-            bank: Bank::factory(),
-            clock: Clock::new(at),
+            lines: Lines::new(),
+            instrument: Instrument::new(at, variant),
             serial: Serial::new(at, false),
-            counter: Ls7366r::new(true, true, true),
-            pwm: Pwm::default(),
-            pulled: 0,
-            pulse: None,
             streams: Streams::new(),
-            motor: Motor::new(at),
-            save: PendingSave::NONE,
+            saved: Saved::new(),
         }
     }
 
     /// Handles power-on.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
-        let serial = Serial::new(Instant::ZERO, boot.fast_line);
-        *self = Self { motor: Motor::new(at), fast: boot.fast, serial, ..Self::new(self.variant) };
+        self.fast = boot.fast;
+        self.instrument = Instrument::new(at, self.instrument.variant());
+        self.serial = Serial::new(Instant::ZERO, boot.fast_line);
+        self.saved = Saved::new();
         self.start(at, out);
     }
 
@@ -103,43 +88,44 @@ impl Adapter {
     }
 
     /// Handles a reset by the host. A running save is finished first.
-    pub(super) fn reset(&mut self, at: Instant, out: &mut dyn Context) {
-        if !self.has_run() {
+    fn reset(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.state == State::Off {
             return;
         }
-        self.save.finish(at, out);
-        self.motor.deactivate(at, out);
-        let motor = self.motor.clone();
+        self.saved.finish(at, out);
+        self.instrument.deactivate_motor(at, out);
         self.serial.clear();
-        let Self { variant, fast, pins, serial, .. } = *self;
-        *self = Self { fast, pins, serial, motor, ..Self::new(variant) };
         self.start(at, out);
     }
 
     fn start(&mut self, at: Instant, out: &mut dyn Context) {
-        self.bank = self.stored(out);
-        self.clock = Clock::new(at);
-        self.serial.set_rate(at, self.rate(), out);
-        self.release_port(at, out);
+        self.lines.clear();
+        let words = self.saved.words(out);
+        self.serial.set_rate(at, rate(&words), out);
+        self.instrument.start(at, words, out);
+        self.streams = Streams::new();
         self.state = State::Starting(if self.fast { at } else { at + STARTUP });
     }
 
-    /// Ends the start-up if it is due.
-    pub(super) fn ready_if_due(&mut self, at: Instant, out: &mut dyn Context) {
-        if let State::Starting(ready) = self.state
-            && ready <= at
-        {
-            self.ready(at, out);
+    /// Ends the start-up if it is due: sends the banner, and starts the saved streams, as if they were requested now
+    /// (QSB-13).
+    fn ready_if_due(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.receives_from() > at || self.state == State::Ready {
+            return;
+        }
+        self.state = State::Ready;
+        self.instrument.ready(at, out);
+        self.serial.send(at, &self.instrument.banner(), out);
+        for reg in Streams::saved(self.instrument.bank().word(Reg::Streams)) {
+            if Reg::ENTRIES.list.get(reg.row()).is_some_and(|row| self.instrument.has(row)) {
+                let value = self.instrument.measure(at, reg);
+                let _ = self.streams.begin(at, reg, value, self.instrument.pace());
+            }
         }
     }
 
-    /// Returns true if the adapter has power.
-    pub(super) fn has_run(&self) -> bool {
-        self.state != State::Off
-    }
-
     /// Returns true if the start-up has ended.
-    pub(super) fn is_ready(&self) -> bool {
+    fn is_ready(&self) -> bool {
         self.state == State::Ready
     }
 
@@ -152,120 +138,261 @@ impl Adapter {
         }
     }
 
-    /// Ends the start-up.
-    fn ready(&mut self, at: Instant, out: &mut dyn Context) {
-        self.state = State::Ready;
-        self.counter = Ls7366r::new(self.pins.a, self.pins.b, self.index_level());
-        for reg in [Reg::Mdr0, Reg::Mdr1, Reg::Dtr] {
-            self.configure_counter(at, reg);
-        }
-        self.counter.clear_status();
-        self.update_port(at, out);
-        if self.variant.motor && self.bank.word(Reg::MotorDrive) != 0 {
-            self.motor.activate(at, out);
-        }
-        self.serial.send(at, &command::banner(self.variant.letter, self.firmware()), out);
-        self.resume_streams(at);
-    }
-
     pub(super) fn deadline(&self) -> Instant {
-        let starting = match self.state {
-            State::Starting(ready) => ready,
-            State::Off | State::Ready => Instant::NEVER,
-        };
-        let counter = if self.watches_counter() { self.counter.deadline() } else { Instant::NEVER };
+        let starting = if self.is_ready() { Instant::NEVER } else { self.receives_from() };
         starting
-            .min(counter)
-            .min(self.save.due())
-            .min(self.pulse_due())
-            .min(self.motor.deadline())
-            .min(self.stream_due())
+            .min(self.instrument.deadline(self.streams.has_status()))
+            .min(self.saved.deadline())
+            .min(self.streams.deadline(self.serial.free_at()))
     }
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        self.catch_up(at, out);
-        self.save.timeout(at, out);
-        if self.pulse_due() <= at {
-            self.end_pulse(at, out);
-        }
-        if self.motor.deadline() <= at {
-            self.motor.timeout(at, out);
-        }
-        if self.stream_due() <= at {
-            self.stream(at, out);
-        }
+        self.instrument.timeout(at, out);
+        self.saved.timeout(at, out);
         self.ready_if_due(at, out);
-        self.note_changes(at);
+        if at < self.streams.deadline(self.serial.free_at()) {
+            self.settle(at);
+        } else if let Some((reg, value)) = self.streams.take_record(at, &self.instrument) {
+            self.send(at, b's', reg, value, out);
+        }
     }
 
-    /// Handles an input of a pin, or the counts of a board's hardware counter.
+    /// Notes which streams an event has changed.
+    fn settle(&mut self, at: Instant) {
+        self.streams.note_changes(at, &self.instrument);
+    }
+
+    /// Handles an input.
     pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         match input {
-            Input::Edge { pin: A, high } => self.level(at, high),
-            Input::Edge { pin: B, high } => {
-                self.pins.b = high;
-                self.count(at, Channel::B, high);
-            }
-            Input::Edge { pin: I, high } => {
-                self.pins.index = high;
-                self.count(at, Channel::Index, self.index_level());
-            }
-            Input::Edge { pin, high } => self.line_edge(at, pin, high, out),
-            Input::Millivolts { pin: A, mv } => self.voltage(at, mv),
-            Input::Count { steps, a, b, .. } => {
-                (self.pins.a, self.pins.b) = (a, b);
-                if self.is_ready() {
-                    self.counter.take_steps(steps, a, b);
+            Input::Bytes { bytes, .. } => {
+                for character in bytes {
+                    self.on_character(at, Some(*character), out);
                 }
             }
-            Input::StepsCorrection { steps, .. } => self.motor.correct_steps(steps),
-            _ => {}
-        }
-        if self.watches_counter() {
-            self.catch_up(at, out);
-        }
-        self.note_changes(at);
-    }
-
-    /// Passes a level at an input to the counter.
-    pub(super) fn count(&mut self, at: Instant, channel: Channel, high: bool) {
-        if self.is_ready() {
-            self.counter.edge(at, channel, high);
+            Input::RxError { .. } => self.on_character(at, None, out),
+            Input::HostPresence { here: true, .. } => self.reset(at, out),
+            _ => {
+                self.instrument.input(at, input, self.streams.has_status(), out);
+                self.settle(at);
+            }
         }
     }
 
-    /// The level of INDEX/, with the polarity of MDR1.
-    pub(super) fn index_level(&self) -> bool {
-        self.pins.index == (self.bank.word(Reg::Mdr1) & mdr1::INVERT_INDEX != 0)
-    }
-
-    /// Returns true if events of the counter have an effect.
-    fn watches_counter(&self) -> bool {
-        let triggers = self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS != 0;
-        self.is_ready() && (triggers || self.streams.running() & stream::STATUS != 0)
-    }
-
-    /// Updates the counter, and executes the triggers of MDR1 (QSB-22).
-    pub(super) fn catch_up(&mut self, at: Instant, out: &mut dyn Context) {
-        flush_filter(&mut self.counter, at);
-        let events = u16::from(self.counter.take_events()) & self.bank.word(Reg::Mdr1) & mdr1::TRIGGERS;
-        if events & u16::from(status::IDX) != 0 {
-            self.bank.set(Reg::Capture, i64::from(self.counter.at_index()));
+    /// Handles a received character, or `None` for a character with an error.
+    fn on_character(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Context) {
+        self.ready_if_due(at, out);
+        if !self.is_ready() {
+            out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::Starting }));
+            return;
         }
-        if events != 0 {
-            self.trigger(at, out);
+        match character {
+            None => {
+                self.lines.rx_error();
+                out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::RxError }));
+            }
+            Some(BACKSPACE) => self.lines.clear(),
+            Some(character) => {
+                if let Some(line) = self.lines.push(character) {
+                    self.execute(at, &line, out);
+                }
+            }
         }
     }
 
-    /// Returns true if this variant has a row.
-    pub(super) fn has(&self, row: &Entry) -> bool {
-        row.variants & self.variant.bit != 0
+    /// Executes the command of a received line, and sends the response.
+    fn execute(&mut self, at: Instant, line: &TextLine<LINE_CHARACTERS>, out: &mut dyn Context) {
+        self.instrument.catch_up(at, out);
+        let response = match command::parse(line) {
+            Ok(command) => self.dispatch(at, command, out),
+            Err(register) => unsupported(register),
+        };
+        let function = line.text.first().copied().unwrap_or(0);
+        out.put(
+            at,
+            Output::Log(match response.letter {
+                code @ (b'e' | b'x') => LogEvent::Refused { port: USB, function, code },
+                _ => LogEvent::Request { port: USB, unit: 0, function },
+            }),
+        );
+        self.respond(at, response, out);
+        self.serial.set_rate(at, rate(self.instrument.bank()), out);
+        self.settle(at);
+    }
+
+    fn dispatch(&mut self, at: Instant, command: Command, out: &mut dyn Context) -> Response {
+        let Command { verb, register } = command;
+        let Some((reg, row)) = self.find(command) else { return unsupported(register) };
+        let (letter, data) = match verb {
+            Verb::Read => {
+                self.streams.end_of(reg);
+                (b'r', self.instrument.value(at, reg) as u32)
+            }
+            Verb::Stream => {
+                let value = self.instrument.measure(at, reg);
+                if let Err(why) = self.streams.begin(at, reg, value, self.instrument.pace()) {
+                    why.put(at, out);
+                }
+                (b's', self.instrument.data(at, reg, value))
+            }
+            Verb::Write(data) => {
+                let value = if row.shape == Shape::I32 { data.cast_signed().into() } else { data.into() };
+                let accepted = row.accepts(value) && self.write(at, reg, value, out);
+                (if accepted { b'w' } else { b'e' }, data)
+            }
+        };
+        Response { letter, register, data }
+    }
+
+    /// The register of a command, if this variant has it and the letter is allowed with it.
+    fn find(&self, command: Command) -> Option<(Reg, &'static Entry)> {
+        let (index, _) = Reg::ENTRIES.at(Space::Holding, u16::from(command.register))?;
+        let row = Reg::ENTRIES.list.get(index)?;
+        let allowed = match command.verb {
+            Verb::Read => row.access.reads(),
+            Verb::Write(_) => row.access.writes(),
+            Verb::Stream => row.streams,
+        };
+        Reg::from_row(index).filter(|_| allowed && self.instrument.has(row)).map(|reg| (reg, row))
+    }
+
+    /// Writes a value that the register's row accepts. Returns false if the adapter refuses the write for a reason that
+    /// the row does not state.
+    fn write(&mut self, at: Instant, reg: Reg, value: i64, out: &mut dyn Context) -> bool {
+        if reg == Reg::Command {
+            return self.command(at, value, out);
+        }
+        if let Err(why) = self.instrument.write(at, reg, value, out) {
+            why.put(at, out);
+        }
+        if matches!(reg, Reg::Mode | Reg::IntervalRate) {
+            self.streams.schedule(at, self.instrument.pace());
+        }
+        true
+    }
+
+    /// Executes COMMAND. Returns false if it is refused: this variant does not have the command, or the motor
+    /// cannot obey it.
+    fn command(&mut self, at: Instant, value: i64, out: &mut dyn Context) -> bool {
+        let order = match value {
+            _ if is_for_motor(value) && !self.instrument.variant().motor => return false,
+            0 => {
+                self.release_motor(at, out);
+                return true;
+            }
+            1 => {
+                if let Err(why) = self.streams.end_by_command() {
+                    why.put(at, out);
+                }
+                return true;
+            }
+            2 => {
+                self.instrument.activate_motor(at, out);
+                return true;
+            }
+            3 => {
+                self.save(at, out);
+                return true;
+            }
+            rate if rate & 0xFF == 0x0A => {
+                self.instrument.note(Reg::BaudRate, rate >> 8);
+                self.saved.save_value(at, Reg::BaudRate, rate >> 8, out);
+                return true;
+            }
+            4 => Order::Stop,
+            5 => Order::Quit,
+            6 => Order::Pause,
+            7 => Order::Resume,
+            8 => Order::Move,
+            _ => Order::Jog,
+        };
+        self.instrument.order(at, order, out)
+    }
+
+    /// Command 0: ends the motor drive mode, ends the same streams as command 1, and restores the saved values
+    /// of the port.
+    fn release_motor(&mut self, at: Instant, out: &mut dyn Context) {
+        let ended = self.streams.end_by_command();
+        let stored = self.saved.words(out);
+        let was_active = self.instrument.release_motor(at, &stored, out);
+        if let Err(why) = ended
+            && !was_active
+        {
+            why.put(at, out);
+        }
+    }
+
+    /// Command 3: saves the parameters.
+    fn save(&mut self, at: Instant, out: &mut dyn Context) {
+        self.instrument.note(Reg::Streams, self.streams.running().into());
+        self.instrument.note(Reg::MotorDrive, self.instrument.is_motor_active().into());
+        self.saved.save(at, self.instrument.bank(), out);
+    }
+
+    /// Sends a measured value of a register, in a response that begins with `letter`.
+    fn send(&mut self, at: Instant, letter: u8, reg: Reg, value: u32, out: &mut dyn Context) {
+        let register = Reg::ENTRIES.list.get(reg.row()).map_or(0, |row| row.address as u8);
+        let data = self.instrument.data(at, reg, value);
+        self.respond(at, Response { letter, register, data }, out);
+    }
+
+    fn respond(&mut self, at: Instant, response: Response, out: &mut dyn Context) {
+        let text = response.text(self.instrument.bank().word(Reg::Eor), self.instrument.timestamp(at));
+        self.serial.send(at, text.as_bytes(), out);
+    }
+
+    /// Value that a read of a register would return now. The adapter does not change.
+    pub(super) fn peek(&self, at: Instant, row: usize) -> i64 {
+        Reg::from_row(row).map_or(0, |reg| self.instrument.peek(at, reg))
+    }
+
+    /// Presets a register.
+    pub(super) fn poke(
+        &mut self,
+        at: Instant,
+        row: usize,
+        value: i64,
+        out: &mut dyn Context,
+    ) -> Result<(), PresetError> {
+        let reg = Reg::from_row(row).ok_or(PresetError::NoSuchRegister)?;
+        let row = Reg::ENTRIES.list.get(row).filter(|row| self.instrument.has(row));
+        let row = row.ok_or(PresetError::NoSuchRegister)?;
+        if !row.accepts(value) {
+            return Err(PresetError::OutOfRange);
+        }
+        if self.state == State::Off {
+            let saved = row.saved != 0;
+            return if saved {
+                self.saved.preset(at, reg, stored_value(reg, value), out)
+            } else {
+                Err(PresetError::ReadOnly)
+            };
+        }
+        self.instrument.catch_up(at, out);
+        match reg {
+            // Only command 3 writes these two registers.
+            Reg::MotorDrive | Reg::Streams => return Err(PresetError::ReadOnly),
+            Reg::TimeStamp => self.instrument.set_timestamp(at, value as u32),
+            _ if !row.access.writes() => return Err(PresetError::ReadOnly),
+            _ if !self.write(at, reg, value, out) => return Err(PresetError::OutOfRange),
+            _ => self.serial.set_rate(at, rate(self.instrument.bank()), out),
+        }
+        self.settle(at);
+        Ok(())
     }
 }
 
-/// Applies the edges that have passed the counter's filter by `at`. Never inlined, because each copy takes a
-/// kilobyte of a board's flash.
-#[inline(never)]
-pub(super) fn flush_filter(counter: &mut Ls7366r, at: Instant) {
-    counter.timeout(at);
+/// The response to an unknown command (QSB-2).
+fn unsupported(register: u8) -> Response {
+    Response { letter: b'x', register, data: 0 }
+}
+
+/// The code of the baud rate, as command A sets it.
+fn rate(words: &Words) -> u8 {
+    words.word(Reg::BaudRate) as u8
+}
+
+/// Returns true for a value of COMMAND that an adapter without a motor refuses.
+pub(super) fn is_for_motor(command: i64) -> bool {
+    !matches!(command, 1 | 3) && command & 0xFF != 0x0A
 }

@@ -57,12 +57,10 @@ fn number(digits: &[u8]) -> Option<u32> {
 }
 
 /// Bits of EOR.
-mod eor {
-    pub(super) const LF: u16 = 1 << 0;
-    pub(super) const CR: u16 = 1 << 1;
-    pub(super) const TIME_STAMP: u16 = 1 << 2;
-    pub(super) const SPACES: u16 = 1 << 3;
-}
+const LF: u16 = 1 << 0;
+const CR: u16 = 1 << 1;
+const TIME_STAMP: u16 = 1 << 2;
+const SPACES: u16 = 1 << 3;
 
 /// A response before it is formatted.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -76,16 +74,16 @@ pub(super) struct Response {
 impl Response {
     /// Formats the response as EOR selects, with a time stamp if EOR has its bit set (QSB-5).
     pub(super) fn text(self, eor: u16, time_stamp: u32) -> Text {
-        let mut text = Text { characters: Vec::new(), spaces: eor & eor::SPACES != 0 };
+        let mut text = Text { characters: Vec::new(), spaces: eor & SPACES != 0 };
         text.put(self.letter);
         text.field(u32::from(self.register), 2);
         text.field(self.data, 8);
-        if eor & eor::TIME_STAMP != 0 {
+        if eor & TIME_STAMP != 0 {
             text.field(time_stamp, 8);
         }
         text.space();
         text.put(b'!');
-        for (bit, character) in [(eor::CR, b'\r'), (eor::LF, b'\n')] {
+        for (bit, character) in [(CR, b'\r'), (LF, b'\n')] {
             if eor & bit != 0 {
                 text.put(character);
             }

@@ -4,15 +4,14 @@
 //! variants: the QSB-D for a differential encoder, with one digital line; the QSB-S for a single-ended
 //! encoder; the QSB-M like the QSB-S, with four digital lines, two of which may step a motor.
 
-mod access;
 mod adapter;
 mod clock;
 mod command;
-mod dio;
-mod dispatch;
 mod encoder;
 mod fields;
+mod instrument;
 mod motor;
+mod port;
 mod reasons;
 mod registers;
 mod saved;
@@ -22,15 +21,13 @@ mod stream;
 mod tests;
 
 use drivetwin_protocol::registers::{Bank, Register};
-use drivetwin_protocol::text::Lines;
 
 use self::adapter::Adapter;
-use self::command::LINE_CHARACTERS;
 pub use self::registers::Reg;
 use self::registers::{D, M, S, Variant};
 use crate::device::{
-    Axis, AxisSpec, Boot, Context, Device, DropReason, EncoderSpec, Framing, Input, Instant, Level, LogEvent,
-    Output, Pin, PinSpec, Port, PortSpec, PresetError, Role, Spec, Writes, reported,
+    Axis, AxisSpec, Boot, Context, Device, EncoderSpec, Framing, Input, Instant, Level, Pin, PinSpec, Port,
+    PortSpec, PresetError, Role, Spec, Writes, reported,
 };
 use crate::memory;
 
@@ -46,9 +43,6 @@ const DIO2: Pin = Pin(5);
 const DIO3: Pin = Pin(6);
 /// The lines of the digital port, from bit 0 on.
 const DIO: [Pin; 4] = [DIO0, DIO1, DIO2, DIO3];
-
-/// Drops the characters of a command received so far (QSB-1).
-const BACKSPACE: u8 = 0x08;
 
 /// The registers of a QSB.
 type Words = Bank<Reg, { Reg::WORDS }>;
@@ -73,7 +67,7 @@ static PINS: [PinSpec; 7] = [
 ];
 
 static WITHOUT_MOTOR: Writes = Writes {
-    refuses: |row, value| row == Reg::Command as usize && access::is_for_motor(value),
+    refuses: |row, value| row == Reg::Command as usize && adapter::is_for_motor(value),
     ..Writes::OF_ROWS
 };
 
@@ -116,7 +110,6 @@ const fn spec(kind: &'static str, product: &'static str, variant: Variant) -> Sp
 #[derive(Clone, Debug)]
 pub struct Qsb {
     spec: &'static Spec,
-    lines: Lines<LINE_CHARACTERS>,
     adapter: Adapter,
 }
 
@@ -140,28 +133,7 @@ impl Qsb {
     }
 
     fn of(spec: &'static Spec, variant: Variant) -> Self {
-        Self { spec, lines: Lines::new(), adapter: Adapter::new(variant) }
-    }
-
-    /// Handles a received character, or `None` for a character with an error.
-    fn on_character(&mut self, at: Instant, character: Option<u8>, out: &mut dyn Context) {
-        self.adapter.ready_if_due(at, out);
-        if !self.adapter.is_ready() {
-            out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::Starting }));
-            return;
-        }
-        match character {
-            None => {
-                self.lines.rx_error();
-                out.put(at, Output::Log(LogEvent::Dropped { port: USB, why: DropReason::RxError }));
-            }
-            Some(BACKSPACE) => self.lines.clear(),
-            Some(character) => {
-                if let Some(line) = self.lines.push(character) {
-                    self.adapter.execute(at, &line, out);
-                }
-            }
-        }
+        Self { spec, adapter: Adapter::new(variant) }
     }
 }
 
@@ -171,7 +143,6 @@ impl Device for Qsb {
     }
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
-        self.lines.clear();
         self.adapter.power_on(at, boot, out);
     }
 
@@ -180,19 +151,7 @@ impl Device for Qsb {
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        match input {
-            Input::Bytes { bytes, .. } => {
-                for character in bytes {
-                    self.on_character(at, Some(*character), out);
-                }
-            }
-            Input::RxError { .. } => self.on_character(at, None, out),
-            Input::HostPresence { here: true, .. } => {
-                self.lines.clear();
-                self.adapter.reset(at, out);
-            }
-            _ => self.adapter.input(at, input, out),
-        }
+        self.adapter.input(at, input, out);
     }
 
     fn receives_from(&self) -> Instant {

@@ -53,13 +53,11 @@ impl Settings {
 }
 
 /// Bits of MD STATUS.
-mod status {
-    pub(super) const READY: u8 = 1 << 0;
-    pub(super) const MOVING: u8 = 1 << 1;
-    pub(super) const PAUSED: u8 = 1 << 2;
-    pub(super) const JOGGING: u8 = 1 << 3;
-    pub(super) const ACTIVE: u8 = 1 << 4;
-}
+const READY: u8 = 1 << 0;
+const MOVING: u8 = 1 << 1;
+const PAUSED: u8 = 1 << 2;
+const JOGGING: u8 = 1 << 3;
+const ACTIVE: u8 = 1 << 4;
 
 /// A motion that was ordered.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -196,15 +194,15 @@ impl Motor {
     /// Value of MD STATUS (QSB-28).
     pub(super) fn status(&self, at: Instant) -> u8 {
         let bits = match if self.over() <= at { self.next() } else { self.state } {
-            State::Inactive => return status::READY,
-            State::Ready => status::READY,
-            State::Paused(_) => status::PAUSED,
+            State::Inactive => return READY,
+            State::Ready => READY,
+            State::Paused(_) => PAUSED,
             State::Runs(motion) | State::Stops(motion) | State::Pauses(motion, _) => match motion {
-                Motion::Move { .. } => status::MOVING,
-                Motion::Jog { .. } => status::JOGGING,
+                Motion::Move { .. } => MOVING,
+                Motion::Jog { .. } => JOGGING,
             },
         };
-        status::ACTIVE | bits
+        ACTIVE | bits
     }
 
     /// The level of DIO2: high from [`SETUP`] before a step forward until [`SETUP`] before a step back.

@@ -94,24 +94,6 @@ drivetwin_protocol::registers! {
     }
 }
 
-/// Positions of DIO0's bits in DIG I/O CONFIG, and the bit of the pulse.
-pub(super) mod config {
-    pub(in crate::qsb) const FALLING: u16 = 0;
-    pub(in crate::qsb) const CAPTURES: u16 = 4;
-    pub(in crate::qsb) const OUTPUTS: u16 = 8;
-    pub(in crate::qsb) const PULSE: u16 = 1 << 12;
-}
-
-/// Bits of MDR1 that the counter does not have, or that have another effect here.
-pub(super) mod mdr1 {
-    /// Width of the counter, which always has 32 bits.
-    pub(in crate::qsb) const WIDTH: u16 = 0b11;
-    pub(in crate::qsb) const INVERT_INDEX: u16 = 1 << 3;
-    /// Overflow, underflow, match and index, in the bit positions of the counter's flags.
-    pub(in crate::qsb) const TRIGGERS: u16 = 0xF0;
-    pub(in crate::qsb) const COUNT_DOWN: u16 = 1 << 8;
-}
-
 /// Code of the baud rate of a new QSB.
 const FACTORY_RATE: u8 = 6;
 

@@ -2,11 +2,10 @@
 
 use drivetwin_protocol::registers::{Bank, Register};
 
-use super::adapter::Adapter;
 use super::registers::Reg;
 use super::{MEMORY, Words};
 use crate::device::{Context, Duration, Instant, PresetError};
-use crate::memory::{self, Content, Save};
+use crate::memory::{self, Content, PendingSave, Save};
 
 /// Duration of a save; the QSB Command List does not give it (QSB-8).
 const SAVE: Duration = Duration::millis(10);
@@ -19,9 +18,19 @@ fn is_older(memory: &[u8]) -> bool {
     memory::content(memory, Reg::SAVED_WORDS - LATER.len()) == Content::Good
 }
 
-impl Adapter {
+/// The non-volatile memory.
+#[derive(Clone, Debug)]
+pub(super) struct Saved {
+    save: PendingSave,
+}
+
+impl Saved {
+    pub(super) fn new() -> Self {
+        Self { save: PendingSave::NONE }
+    }
+
     /// The values that were saved last; the factory values if the memory is new or bad.
-    pub(super) fn stored(&self, out: &dyn Context) -> Words {
+    pub(super) fn words(&self, out: &dyn Context) -> Words {
         let mut words = Bank::factory();
         // While a save runs, its image is stored already, and only the check sum is missing.
         if self.save.is_running() || memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Good {
@@ -33,27 +42,22 @@ impl Adapter {
         words
     }
 
-    /// Executes command 3: saves the parameters.
-    pub(super) fn save_parameters(&mut self, at: Instant, out: &mut dyn Context) {
-        self.bank.set(Reg::Streams, i64::from(self.streams.running()));
-        self.bank.set(Reg::MotorDrive, i64::from(self.motor.is_active()));
-        let words = self.bank.clone();
-        self.store(at, &words, out);
-    }
-
-    /// Executes command A: saves the baud rate and nothing else (QSB-7).
-    pub(super) fn save_rate(&mut self, at: Instant, rate: i64, out: &mut dyn Context) {
-        self.bank.set(Reg::BaudRate, rate);
-        let mut words = self.stored(out);
-        words.set(Reg::BaudRate, rate);
-        self.store(at, &words, out);
-    }
-
-    fn store(&mut self, at: Instant, words: &Words, out: &mut dyn Context) {
+    /// Saves all values.
+    pub(super) fn save(&mut self, at: Instant, words: &Words, out: &mut dyn Context) {
         self.save.begin(Save::of_rows::<MEMORY>(Reg::ENTRIES, words.words(), at, SAVE, out));
     }
 
+    /// Saves one value, and nothing else (QSB-7).
+    pub(super) fn save_value(&mut self, at: Instant, reg: Reg, value: i64, out: &mut dyn Context) {
+        let mut words = self.words(out);
+        words.set(reg, value);
+        self.save(at, &words, out);
+    }
+
     /// Presets a value before power-on, with the same effect as a save.
+    ///
+    /// # Errors
+    /// The memory is bad.
     pub(super) fn preset(
         &self,
         at: Instant,
@@ -64,9 +68,24 @@ impl Adapter {
         if memory::content(out.memory(), Reg::SAVED_WORDS) == Content::Bad && !is_older(out.memory()) {
             return Err(PresetError::BadMemory);
         }
-        let mut words = self.stored(out);
+        let mut words = self.words(out);
         words.set(reg, value);
         memory::save_at_once::<MEMORY>(Reg::ENTRIES, words.words(), at, out);
         Ok(())
+    }
+
+    /// Finishes a running save before a reset.
+    pub(super) fn finish(&mut self, at: Instant, out: &mut dyn Context) {
+        self.save.finish(at, out);
+    }
+
+    /// End of a running save.
+    pub(super) fn deadline(&self) -> Instant {
+        self.save.due()
+    }
+
+    /// Ends a save that is due.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
+        self.save.timeout(at, out);
     }
 }

@@ -1,18 +1,17 @@
 //! Streams: registers that the adapter sends repeatedly.
 
-use drivetwin_protocol::registers::Register;
-
-use super::adapter::Adapter;
+use super::clock::Clock;
+use super::instrument::Instrument;
 use super::reasons::Why;
 use super::registers::Reg;
-use crate::device::{Context, Instant};
+use crate::device::{Duration, Instant};
 
 /// Streams, in the order of the bits of [`Reg::Streams`].
 const STREAMS: [Reg; 5] = [Reg::DigIO, Reg::Capture, Reg::Str, Reg::ReadEncoder, Reg::MdStatus];
 /// The stream with an interval; the other streams send after a change.
 const ENCODER: u8 = bit(Reg::ReadEncoder);
-/// The stream of the counter's status, which must be compared after every event of the counter.
-pub(super) const STATUS: u8 = bit(Reg::Str);
+/// The stream of the counter's status.
+const STATUS: u8 = bit(Reg::Str);
 /// Streams that W160 and W161 end.
 const ENDED_BY_COMMAND: u8 = bit(Reg::DigIO) | ENCODER | bit(Reg::MdStatus);
 /// Value of INTERVAL RATE that pauses the encoder's stream.
@@ -27,6 +26,35 @@ const fn bit(reg: Reg) -> u8 {
         Reg::ReadEncoder => 1 << 3,
         Reg::MdStatus => 1 << 4,
         _ => 0,
+    }
+}
+
+/// The pace of the encoder's stream.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pace {
+    clock: Clock,
+    rate: u16,
+    measurement: Duration,
+}
+
+impl Pace {
+    /// The pace that INTERVAL RATE selects, if a measurement takes this time.
+    pub(super) fn new(clock: Clock, rate: u16, measurement: Duration) -> Self {
+        Self { clock, rate, measurement }
+    }
+
+    /// Time of the measurement that follows the one at `measured`: an interval later, but not before `at` (QSB-11).
+    fn next(self, measured: Instant, at: Instant) -> Instant {
+        match self.rate {
+            PAUSED => Instant::NEVER,
+            0 => (measured + self.measurement).max(at),
+            ticks => {
+                let due = self.clock.instant(self.clock.ticks(measured) + u64::from(ticks));
+                let passed = self.clock.ticks(at);
+                let now = self.clock.instant(passed);
+                due.max(if now < at { self.clock.instant(passed + 1) } else { now })
+            }
+        }
     }
 }
 
@@ -87,7 +115,32 @@ impl Streams {
         self.end(bit(reg));
     }
 
-    fn set_sent(&mut self, reg: Reg, value: u32) {
+    /// Returns true if the stream of the counter's status runs, which is compared after every event of the counter.
+    pub(super) fn has_status(&self) -> bool {
+        self.running & STATUS != 0
+    }
+
+    /// The streams whose bits are set in a saved [`Reg::Streams`].
+    pub(super) fn saved(streams: u16) -> impl Iterator<Item = Reg> {
+        STREAMS.into_iter().filter(move |reg| streams & u16::from(bit(*reg)) != 0)
+    }
+
+    /// Starts a stream. Its first value is sent now.
+    ///
+    /// # Errors
+    /// The stream is paused.
+    pub(super) fn begin(&mut self, at: Instant, reg: Reg, value: u32, pace: Pace) -> Result<(), Why> {
+        self.running |= bit(reg);
+        self.note_sent(reg, value);
+        if reg != Reg::ReadEncoder {
+            return Ok(());
+        }
+        self.measured = at;
+        self.schedule(at, pace);
+        if self.next == Instant::NEVER { Err(Why::IntervalPaused) } else { Ok(()) }
+    }
+
+    fn note_sent(&mut self, reg: Reg, value: u32) {
         for (name, sent) in STREAMS.into_iter().zip(&mut self.sent) {
             if name == reg {
                 *sent = value;
@@ -95,125 +148,67 @@ impl Streams {
         }
     }
 
-    fn sent(&self, reg: Reg) -> u32 {
-        STREAMS.into_iter().zip(self.sent).find_map(|(name, sent)| (name == reg).then_some(sent)).unwrap_or(0)
+    /// Schedules the next measurement.
+    pub(super) fn schedule(&mut self, at: Instant, pace: Pace) {
+        let runs = self.running & ENCODER != 0;
+        self.next = if runs { pace.next(self.measured, at) } else { Instant::NEVER };
     }
-}
 
-impl Adapter {
-    /// Starts the saved streams, as if they were requested now (QSB-13).
-    pub(super) fn resume_streams(&mut self, at: Instant) {
-        let saved = self.bank.word(Reg::Streams) as u8;
-        for reg in STREAMS.into_iter().filter(|reg| saved & bit(*reg) != 0) {
-            let exists = Reg::ENTRIES.list.get(reg.row()).is_some_and(|row| self.has(row));
-            if exists {
-                let _ = self.begin_stream(at, reg);
+    /// Time at which a record is ready and the line, which is free from `free_at` on, can send it.
+    pub(super) fn deadline(&self, free_at: Instant) -> Instant {
+        let due = self.changed.min(self.next);
+        if due == Instant::NEVER { due } else { due.max(free_at) }
+    }
+
+    /// Notes the time at which a register began to differ from its last record. It follows every event.
+    pub(super) fn note_changes(&mut self, at: Instant, instrument: &Instrument) {
+        let watched = self.running & !ENCODER;
+        let differs = |(reg, sent)| watched & bit(reg) != 0 && instrument.measure(at, reg) != sent;
+        let any_differs = watched != 0 && STREAMS.into_iter().zip(self.sent).any(differs);
+        self.note_changed(at, any_differs);
+    }
+
+    fn note_changed(&mut self, at: Instant, differs: bool) {
+        self.changed = if differs { self.changed.min(at) } else { Instant::NEVER };
+    }
+
+    /// Returns the register and the value of the record that is sent now, if one is due. Streams that wait for the line
+    /// take turns, lowest register first (QSB-12).
+    pub(super) fn take_record(&mut self, at: Instant, instrument: &Instrument) -> Option<(Reg, u32)> {
+        let mut values = self.sent;
+        let mut waiting = 0;
+        for (reg, value) in STREAMS.into_iter().zip(&mut values) {
+            let is_encoder = reg == Reg::ReadEncoder;
+            if self.running & bit(reg) == 0 || is_encoder && at < self.next {
+                continue;
+            }
+            let sent = *value;
+            *value = instrument.measure(at, reg);
+            if is_encoder || *value != sent {
+                waiting |= bit(reg);
             }
         }
-    }
-
-    /// Starts a stream. The response to `S` carries its first value.
-    ///
-    /// # Errors
-    /// The stream is paused.
-    pub(super) fn begin_stream(&mut self, at: Instant, reg: Reg) -> Result<(), Why> {
-        self.streams.running |= bit(reg);
-        self.note_sent(at, reg);
-        let paused = reg == Reg::ReadEncoder && self.streams.next == Instant::NEVER;
-        if paused { Err(Why::IntervalPaused) } else { Ok(()) }
-    }
-
-    /// Notes that the present value of a register is being sent.
-    fn note_sent(&mut self, at: Instant, reg: Reg) {
-        let value = self.comparison_value(at, reg);
-        self.streams.set_sent(reg, value);
-        if reg == Reg::ReadEncoder {
-            self.streams.measured = at;
-            self.schedule(at);
-        }
-    }
-
-    /// Value that is compared to detect a change of a register.
-    fn comparison_value(&self, at: Instant, reg: Reg) -> u32 {
-        if reg == Reg::ReadEncoder { self.encoder_value() } else { self.value(at, reg) as u32 }
-    }
-
-    /// Schedules the next measurement: an interval after the last one, but not in the past (QSB-11).
-    pub(super) fn schedule(&mut self, at: Instant) {
-        let measured = self.streams.measured;
-        self.streams.next = match self.bank.word(Reg::IntervalRate) {
-            _ if self.streams.running & ENCODER == 0 => Instant::NEVER,
-            PAUSED => Instant::NEVER,
-            0 => (measured + self.mode().measurement()).max(at),
-            ticks => {
-                let due = self.clock.instant(self.clock.ticks(measured) + u64::from(ticks));
-                let passed = self.clock.ticks(at);
-                let now = self.clock.instant(passed);
-                due.max(if now < at { self.clock.instant(passed + 1) } else { now })
-            }
-        };
-    }
-
-    /// Time at which a record is ready and the line is free.
-    pub(super) fn stream_due(&self) -> Instant {
-        let due = self.streams.changed.min(self.streams.next);
-        if due == Instant::NEVER { due } else { due.max(self.serial.free_at()) }
-    }
-
-    /// Sends one record if one is due. Streams that wait for the line take turns, lowest register first
-    /// (QSB-12).
-    pub(super) fn stream(&mut self, at: Instant, out: &mut dyn Context) {
-        if at < self.serial.free_at() {
-            return;
-        }
-        let waiting = self.changed_streams(at) | if self.streams.next <= at { ENCODER } else { 0 };
-        let turn = match waiting & !self.streams.round_robin {
+        let turn = match waiting & !self.round_robin {
             0 => waiting,
             turn => turn,
         };
-        if let Some(reg) = STREAMS.into_iter().find(|reg| turn & bit(*reg) != 0) {
-            let others = waiting & !bit(reg) != 0;
-            self.streams.round_robin = if others { waiting & !turn | bit(reg) } else { 0 };
-            match reg {
-                Reg::ReadEncoder => self.measure(at, out),
-                _ => self.record(at, reg, out),
-            }
+        let (reg, value) = STREAMS.into_iter().zip(values).find(|(reg, _)| turn & bit(*reg) != 0)?;
+        let others = waiting & !bit(reg);
+        self.round_robin = if others == 0 { 0 } else { waiting & !turn | bit(reg) };
+        self.note_changed(at, others & !ENCODER != 0);
+        let sends = reg != Reg::ReadEncoder || self.measure(at, value, instrument);
+        if sends {
+            self.note_sent(reg, value);
         }
+        sends.then_some((reg, value))
     }
 
-    /// Notes the time at which a register began to differ from its last record.
-    pub(super) fn note_changes(&mut self, at: Instant) {
-        self.streams.changed = match self.changed_streams(at) {
-            0 => Instant::NEVER,
-            _ => self.streams.changed.min(at),
-        };
-    }
-
-    /// Streams with a register that differs from its last record, without READ ENCODER.
-    fn changed_streams(&self, at: Instant) -> u8 {
-        let watched = self.streams.running & !ENCODER;
-        if watched == 0 {
-            return 0;
-        }
-        let changed = |reg: &Reg| {
-            watched & bit(*reg) != 0 && self.comparison_value(at, *reg) != self.streams.sent(*reg)
-        };
-        STREAMS.into_iter().filter(changed).fold(0, |changed, reg| changed | bit(reg))
-    }
-
-    /// Measures the encoder, and sends the value if it has changed by THRESHOLD or more.
-    fn measure(&mut self, at: Instant, out: &mut dyn Context) {
-        let way = self.encoder_value().wrapping_sub(self.streams.sent(Reg::ReadEncoder));
-        if way.cast_signed().unsigned_abs() >= u32::from(self.bank.word(Reg::Threshold)) {
-            self.record(at, Reg::ReadEncoder, out);
-        } else {
-            self.streams.measured = at;
-            self.schedule(at);
-        }
-    }
-
-    fn record(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) {
-        self.note_sent(at, reg);
-        self.send_value(at, b's', reg, out);
+    /// Notes a measurement of the encoder. Returns true if the value has changed by THRESHOLD or more.
+    fn measure(&mut self, at: Instant, value: u32, instrument: &Instrument) -> bool {
+        let [_, _, _, sent, _] = self.sent;
+        self.measured = at;
+        self.schedule(at, instrument.pace());
+        let way = value.wrapping_sub(sent).cast_signed().unsigned_abs();
+        way >= u32::from(instrument.bank().word(Reg::Threshold))
     }
 }

@@ -35,7 +35,12 @@ const AXIS: Axis = Axis(0);
 
 /// A drive without power, with this content of its memory.
 fn off(memory: Vec<u8>) -> Fixture<Md3> {
-    Fixture::with_memory(Md3::new(), memory).ruled(|output| match output {
+    of(Md3::new(), memory)
+}
+
+/// This drive, with this content of its memory.
+fn of(drive: Md3, memory: Vec<u8>) -> Fixture<Md3> {
+    Fixture::with_memory(drive, memory).ruled(|output| match output {
         Output::Bytes { .. }
         | Output::Level { .. }
         | Output::Wave { .. }

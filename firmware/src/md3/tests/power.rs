@@ -33,25 +33,26 @@ fn other_faults_are_cleared_by_a_write_that_may_move_at_once() {
 
 #[test]
 fn the_manuals_currents() {
-    use super::super::registers::Version::{HighCurrent, LowCurrent};
-    use super::super::registers::current_ma;
+    let check = |drive, currents: &[u32], last| {
+        let mut dut = of(drive, vec![0xFF; MEMORY]).ready();
+        for (code, ma) in (0..).zip(currents.iter().copied()).chain([(0xFF, last)]) {
+            dut.preset(Reg::MotorCurrentAndMicrostepping, 0x0300 | code);
+            assert_eq!(dut.current(), ma, "code {code:#04x}");
+        }
+    };
     // Currents from 7.2, in mA. Codes beyond a column act as its last row.
     let high = [
         0, 100, 200, 300, 400, 500, 600, 700, 800, 900, 1_000, 1_100, 1_200, 1_300, 1_400, 1_500, 1_600,
         1_700, 1_800, 1_900, 2_000, 2_500, 3_000, 3_500, 4_000, 4_500, 5_000, 5_500, 6_000, 6_500, 7_000,
         7_000, 7_000,
     ];
-    for (code, ma) in (0..).zip(high).chain([(0xFF, 7_000)]) {
-        assert_eq!(current_ma(HighCurrent, 0x0300 | code), ma, "code {code:#04x}");
-    }
+    check(Md3::new(), &high, 7_000);
     let low = [
         0, 50, 100, 150, 200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800, 850, 900, 950,
         1_000, 1_050, 1_100, 1_150, 1_200, 1_250, 1_300, 1_350, 1_400, 1_450, 1_500, 1_550, 1_600, 1_650,
         1_700, 1_750, 1_800, 1_800, 1_800,
     ];
-    for (code, ma) in (0..).zip(low).chain([(0xFF, 1_800)]) {
-        assert_eq!(current_ma(LowCurrent, 0x0300 | code), ma, "code {code:#04x}");
-    }
+    check(Md3::low(), &low, 1_800);
 }
 
 #[test]
