@@ -23,7 +23,7 @@ use self::held_back::HeldBack;
 use self::path::{FAR, Limits};
 use self::settings::RPM;
 pub(super) use self::settings::Settings;
-use super::errors::error;
+use super::errors::Error;
 use super::reasons::Why;
 use crate::device::{Context, Instant, Output, Rotation};
 use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK, scaled};
@@ -215,7 +215,7 @@ impl Servo {
         let speed = self.speed_at(at);
         if self.is_moving() && rates.is_too_fast(self.distance_to(at, count), speed, self.max_deceleration())
         {
-            self.errors |= error::BRAKING;
+            self.errors |= Error::Braking as u16;
         }
         self.start(at, Order::Move { count, rates }, sign as i8, out);
         Ok(())
@@ -282,7 +282,7 @@ impl Servo {
                 }
             }
             Ok(None) => {}
-            Err(_) => self.errors |= error::HALL,
+            Err(_) => self.errors |= Error::Hall as u16,
         }
     }
 
@@ -329,7 +329,7 @@ impl Servo {
             self.open_loop(at, out);
         }
         if self.held_back.update(at, self.limited_direction(), self.feedback.rpm(at)) {
-            self.errors |= error::CURRENT_LIMIT;
+            self.errors |= Error::CurrentLimit as u16;
         }
     }
 
@@ -371,7 +371,7 @@ impl Servo {
     /// A tick with sensors.
     fn closed_loop(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_miswired(at) {
-            self.errors |= error::HALL;
+            self.errors |= Error::Hall as u16;
         }
         let speed = self.speed_at(at);
         if self.has_arrived(at, speed) {
