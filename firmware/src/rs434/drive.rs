@@ -32,8 +32,8 @@ use super::registers::{Model, Reg, Words, line};
 use super::servo::{Servo, Settings};
 use super::startup::{self, Lights, Startup};
 use super::thermal::Thermal;
-use super::{CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2, saved};
-use crate::device::{Boot, Context, Duration, Fault, Instant, Line, Pin, Rotation};
+use super::{BusSettings, CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2, saved};
+use crate::device::{Boot, Context, Duration, Input, Instant, Pin};
 use crate::memory::{self, PendingSave};
 use crate::motor::Parameters;
 
@@ -204,19 +204,14 @@ impl Drive {
         self.startup.receives_from()
     }
 
-    /// Line settings for the next start (6.4).
-    pub(super) fn line(&self) -> Line {
-        line(self.bank.word(Reg::TYPE_MODBUS), self.bank.word(Reg::BITRATE_MODBUS))
-    }
-
-    /// Bus address for the next start (6.4; RS434-3).
-    pub(super) fn unit(&self) -> u8 {
-        (self.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8
-    }
-
-    /// Delay of every reply from the next start on (6.4).
-    pub(super) fn reply_delay(&self) -> Duration {
-        Duration::millis(self.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into())
+    /// Settings of the bus for the next start (6.4; RS434-3).
+    pub(super) fn bus_settings(&self) -> BusSettings {
+        let word = |reg| self.bank.word(reg);
+        BusSettings {
+            line: line(word(Reg::TYPE_MODBUS), word(Reg::BITRATE_MODBUS)),
+            unit: (word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8,
+            delay: Duration::millis(word(Reg::TIMEOUT_BROADCAST_MODBUS).into()),
+        }
     }
 
     /// Delays a requested restart until `instant`, the end of the reply. Returns true if a restart is
@@ -243,25 +238,28 @@ impl Drive {
         core::mem::take(&mut self.other_motor).then(|| self.motor())
     }
 
-    /// Handles a new motor current, in mA.
-    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
-        let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
-        self.thermal.draws(at, ma.unsigned_abs(), brakes);
-        self.servo.draws(ma);
-    }
-
-    /// Handles new parameters of the motor.
-    pub(super) fn set_motor(&mut self, parameters: &Parameters) {
-        self.servo.motor(parameters);
-    }
-
-    /// Handles a report of the motor's rotation.
-    pub(super) fn turns(&mut self, at: Instant, rotation: Rotation) {
-        self.servo.turns(at, rotation);
+    /// Handles an input other than characters.
+    pub(super) fn input(&mut self, at: Instant, input: &Input<'_>, out: &mut dyn Context) {
+        match *input {
+            Input::Edge { pin, high } => self.edge(at, pin, high, out),
+            Input::Fault { fault, on } => {
+                self.errors.set_fault(fault, on);
+                self.set_servo(at, out);
+                self.check_errors(at, out);
+            }
+            Input::MotorCurrent { ma, .. } => {
+                let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
+                self.thermal.draws(at, ma.unsigned_abs(), brakes);
+                self.servo.draws(ma);
+            }
+            Input::Motor { parameters, .. } => self.servo.motor(parameters),
+            Input::Rotation { rotation, .. } => self.servo.turns(at, rotation),
+            _ => {}
+        }
     }
 
     /// Handles a change of a contact or a Hall sensor.
-    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
+    fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         match pin {
             IN1 | IN2 | HARD_STOP => {
                 let time = |reg| Duration::millis(self.bank.word(reg).into());
@@ -284,13 +282,6 @@ impl Drive {
             }
             _ => {}
         }
-    }
-
-    /// Sets or clears the cause of a fault.
-    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
-        self.errors.set_fault(fault, on);
-        self.set_servo(at, out);
-        self.check_errors(at, out);
     }
 
     /// Called when a character had a parity error or another error (RS434-5).
@@ -381,7 +372,7 @@ impl Drive {
         if self.input_mode() == 5 {
             return Err(Why::DirectionOfInputs);
         }
-        self.motion.direction_changed(at, &mut self.servo, &self.bank, out);
+        self.motion.direction_changed(at, motion::is_forward(&self.bank), &mut self.servo, out);
         Ok(())
     }
 

@@ -30,8 +30,8 @@ use self::drive::{Bus, Drive, run_program};
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
-    PortSpec, PresetError, REPORTS_REASONS, Role, Spec, reported,
+    AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Line, Pin, PinSpec,
+    Port, PortSpec, PresetError, REPORTS_REASONS, Role, Spec, reported,
 };
 use crate::memory;
 use crate::modbus_port::{ModbusPort, is_reception};
@@ -152,6 +152,8 @@ static RULES: Rules = Rules {
 /// Bus settings from the registers at the start of the drive (6.4).
 #[derive(Clone, Copy, Debug)]
 struct BusSettings {
+    /// TYPE_MODBUS and BITRATE_MODBUS.
+    line: Line,
     /// SLAVE_ADDRESS_MODBUS.
     unit: u8,
     /// Delay of every reply: TIMEOUT_BROADCAST_MODBUS.
@@ -207,8 +209,9 @@ impl Rs434 {
         if self.manners.is_none()
             && let Some(from) = self.drive.receives_from()
         {
-            self.serial.start(at, self.drive.line(), from, out);
-            self.manners = Some(BusSettings { unit: self.drive.unit(), delay: self.drive.reply_delay() });
+            let manners = self.drive.bus_settings();
+            self.serial.start(at, manners.line, from, out);
+            self.manners = Some(manners);
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
@@ -287,12 +290,7 @@ impl Device for Rs434 {
                 }
             }
             Input::Idle { .. } => self.serve(at, out),
-            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
-            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
-            Input::MotorCurrent { ma, .. } => self.drive.draws(at, ma),
-            Input::Motor { parameters, .. } => self.drive.set_motor(parameters),
-            Input::Rotation { rotation, .. } => self.drive.turns(at, rotation),
-            _ => {}
+            _ => self.drive.input(at, &input, out),
         }
         self.after_event(at, out);
     }

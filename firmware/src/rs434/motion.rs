@@ -66,11 +66,16 @@ impl Motion {
         out: &mut dyn Context,
     ) -> Result<(), Why> {
         let rotation = bank.word(Reg::MODE_ROTATION);
+        let forward = match heading {
+            Heading::Registers => is_forward(bank),
+            Heading::Forward => true,
+            Heading::Backward => false,
+        };
         match self.state {
             State::Moves { braking: false, .. } => return Err(Why::MoveRuns),
             State::Moves { braking: true, .. } => self.end_move(servo, bank),
             State::Rotates => {
-                self.rotate(at, heading, servo, bank, out);
+                self.rotate(at, forward, servo, out);
                 return if rotation == 1 { Ok(()) } else { Err(Why::Rotates) };
             }
             State::None => {}
@@ -84,7 +89,7 @@ impl Motion {
         }
         let (counts, target) = match rotation {
             1 => {
-                self.rotate(at, heading, servo, bank, out);
+                self.rotate(at, forward, servo, out);
                 return Ok(());
             }
             2 => {
@@ -104,19 +109,7 @@ impl Motion {
         servo.go(at, counts, bank.get(Reg::OFFSET_COMPENSATION) as i16, out)
     }
 
-    fn rotate(
-        &mut self,
-        at: Instant,
-        heading: Heading,
-        servo: &mut Servo,
-        bank: &Words,
-        out: &mut dyn Context,
-    ) {
-        let forward = match heading {
-            Heading::Registers => is_forward(bank),
-            Heading::Forward => true,
-            Heading::Backward => false,
-        };
+    fn rotate(&mut self, at: Instant, forward: bool, servo: &mut Servo, out: &mut dyn Context) {
         self.state = State::Rotates;
         servo.rotate(at, forward, out);
     }
@@ -125,12 +118,12 @@ impl Motion {
     pub(super) fn direction_changed(
         &mut self,
         at: Instant,
+        forward: bool,
         servo: &mut Servo,
-        bank: &Words,
         out: &mut dyn Context,
     ) {
         if self.state == State::Rotates {
-            self.rotate(at, Heading::Registers, servo, bank, out);
+            self.rotate(at, forward, servo, out);
         }
     }
 

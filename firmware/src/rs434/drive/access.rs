@@ -97,11 +97,7 @@ impl Drive {
                 return self.set_servo(at, out);
             }
             Reg::OFFSET => self.offset_written(at, out),
-            Reg::DIRECTION => {
-                if let Err(why) = self.direction_changed(at, out) {
-                    why.put(at, out);
-                }
-            }
+            Reg::DIRECTION => Why::put_if(at, self.direction_changed(at, out), out),
             Reg::ERROR => self.error_written(at, out),
             Reg::SUPPLY => {
                 self.errors.set_supply(self.bank.word(reg));
@@ -167,9 +163,7 @@ impl Drive {
         } else if !clears {
             done = Err(Why::ZeroCoil);
         }
-        if let Err(why) = done {
-            why.put(at, out);
-        }
+        Why::put_if(at, done, out);
     }
 
     /// Executes a written MODE_USER_PROGRAM. The value 3 is only stored (RS434-26).
@@ -182,9 +176,7 @@ impl Drive {
             2 => self.start_program(at, Status::StartedByBus, out),
             _ => Err(Why::StartOfProgram),
         };
-        if let Err(why) = done {
-            why.put(at, out);
-        }
+        Why::put_if(at, done, out);
     }
 
     /// Executes a written ERROR: clears the warnings that are 0 in it. A warning whose cause remains is set again.
@@ -201,9 +193,7 @@ impl Drive {
 
     /// Called after OFFSET was written.
     fn offset_written(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Err(why) = self.motion.offset_written(&self.servo) {
-            why.put(at, out);
-        }
+        Why::put_if(at, self.motion.offset_written(&self.servo), out);
         if self.bank.get(Reg::OFFSET_CONST) != 0 {
             Why::CopiedOffset.put(at, out);
         }
