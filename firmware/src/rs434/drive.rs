@@ -271,11 +271,7 @@ impl Drive {
                     self.raise(at, Error::EmergencyStop as u16, out);
                 }
             }
-            CLR_FLASH => {
-                if self.startup.clr_flash(at, !high) {
-                    self.continue_start(at, out);
-                }
-            }
+            CLR_FLASH if self.startup.clr_flash(at, !high) => self.continue_start(at, out),
             HA | HB => {
                 self.inputs.hall(pin == HA, high);
                 self.servo.edge(at, pin == HA, high);

@@ -250,13 +250,14 @@ impl Servo {
         self.next.min(self.halls.deadline())
     }
 
-    /// Executes a control tick if one is due.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
+    /// Executes a control tick and the check of a Hall code if they are due. Returns true if one of them was.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+        let is_due = self.deadline() <= at;
         self.halls.check_code(at);
         if at >= self.next {
-            self.next = at + TICK;
             self.tick(at, out);
         }
+        is_due
     }
 
     /// Starts to control the motor, from its present speed.
