@@ -149,10 +149,7 @@ impl Drive {
                 self.connectors_changed(at, Change::Speed, out);
             }
             Input::Fault { fault, on } => self.set_fault(at, fault, on, out),
-            Input::MotorCurrent { ma, .. } => self.servo.draws(ma),
-            Input::Motor { parameters, .. } => self.servo.motor(parameters),
-            Input::Rotation { rotation, .. } => self.servo.turned(at, rotation),
-            _ => {}
+            _ => self.servo.report(at, input),
         }
         self.settle(at, out);
     }

@@ -250,11 +250,9 @@ impl Drive {
             Input::MotorCurrent { ma, .. } => {
                 let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
                 self.thermal.draws(at, ma.unsigned_abs(), brakes);
-                self.servo.draws(ma);
+                self.servo.report(at, input);
             }
-            Input::Motor { parameters, .. } => self.servo.motor(parameters),
-            Input::Rotation { rotation, .. } => self.servo.turns(at, rotation),
-            _ => {}
+            _ => self.servo.report(at, input),
         }
     }
 

@@ -25,8 +25,8 @@ use self::settings::RPM;
 pub(super) use self::settings::Settings;
 use super::errors::Error;
 use super::reasons::Why;
-use crate::device::{Context, Instant, Output, Rotation};
-use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK, scaled};
+use crate::device::{Context, Input, Instant, Output};
+use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, NEAR, TICK, scaled};
 
 /// The greatest duty, 0.98 of the supply, and the least duty above 0, 0.01 of the supply (section 3).
 const MAX_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
@@ -291,20 +291,12 @@ impl Servo {
         self.compared = self.feedback.angle(at).map(|angle| (angle, self.counter.count()));
     }
 
-    /// Handles a new motor current, in mA.
-    pub(super) fn draws(&mut self, ma: i32) {
-        self.feedback.ma = ma;
-    }
-
-    /// Handles new parameters of the motor.
-    pub(super) fn motor(&mut self, parameters: &Parameters) {
-        self.feedback.motor = ControlModel::of(parameters);
-    }
-
-    /// Handles a report of the motor's rotation.
-    pub(super) fn turns(&mut self, at: Instant, rotation: Rotation) {
-        self.feedback.turns(at, rotation);
-        self.compared.get_or_insert((rotation.angle, self.counter.count()));
+    /// Handles a report of the motor.
+    pub(super) fn report(&mut self, at: Instant, input: &Input<'_>) {
+        self.feedback.report(at, input);
+        if let Input::Rotation { rotation, .. } = input {
+            self.compared.get_or_insert((rotation.angle, self.counter.count()));
+        }
     }
 
     /// Time of the next tick.
