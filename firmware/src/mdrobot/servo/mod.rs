@@ -97,18 +97,13 @@ impl Settings {
     };
 
     /// Counts of the Hall sensors in a turn: the edges of three sensors for each pair of poles.
-    fn counts(&self) -> i64 {
-        3 * i64::from(self.poles.max(1))
+    fn counts(&self) -> i32 {
+        3 * i32::from(self.poles.max(1))
     }
 
     /// Counts of the encoder in a turn (MDROBOT-29).
-    fn encoder_counts(&self) -> i64 {
-        4 * i64::from(self.enc_ppr)
-    }
-
-    /// Counts of the speed sensor, in a turn.
-    fn turn(&self) -> i64 {
-        if self.enc_ppr > 0 { self.encoder_counts() } else { self.counts() }
+    fn encoder_counts(&self) -> i32 {
+        4 * i32::from(self.enc_ppr)
     }
 }
 
@@ -159,7 +154,7 @@ impl Servo {
             setpoint: I40F24::ZERO,
             setpoint_since: Instant::ZERO,
             pi: Pi::NEW,
-            sensing: Sensing::new(),
+            sensing: Sensing::new(&settings),
             duty: 0,
             limit_out_ma: 0,
             swapped: false,
@@ -173,7 +168,7 @@ impl Servo {
     /// Handles power-on: puts the state of the terminals. Everything is reset, including the position; only
     /// the motor's feedback stays.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
-        *self = Self { sensing: self.sensing.restarted(), ..Self::new(settings) };
+        *self = Self { sensing: self.sensing.restarted(&settings), ..Self::new(settings) };
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
         out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_out_ma });
     }
@@ -184,6 +179,7 @@ impl Servo {
         if settings == before {
             return;
         }
+        self.sensing.set(&settings);
         match self.order {
             Order::Brake => self.release(at, true, out),
             Order::Velocity(_) if !self.is_controlling() => {
@@ -256,11 +252,11 @@ impl Servo {
         let duty = if self.is_controlling() && self.limit_out_ma > 0 {
             self.applied_duty(at)
         } else {
-            self.sensing.back_emf(at, &self.settings)
+            self.sensing.back_emf(at)
         };
         let duty = duty.clamp(-pi::FULL, pi::FULL);
         self.pi.begin(duty);
-        self.sensing.begin(at, &self.settings);
+        self.sensing.begin(at);
         (self.setpoint, self.faults) = (self.reading(at), FaultMonitor::NEW);
         self.next = at + TICK;
         if let Some(shorted) = self.is_over(at) {
@@ -343,8 +339,7 @@ impl Servo {
         if let Some(shorted) = self.is_over(at) {
             return self.release(at, shorted, out);
         }
-        let (wanted, emf) =
-            (self.sensing.duty_of(wanted, &self.settings), self.sensing.back_emf(at, &self.settings));
+        let (wanted, emf) = (self.sensing.duty_of(wanted), self.sensing.back_emf(at));
         let Settings { p_gain, i_gain, .. } = self.settings;
         let motor = self.sensing.motor();
         let headroom = motor.duty(motor.speed_drop(self.limit().into()));
@@ -404,13 +399,13 @@ impl Servo {
 
     /// Handles a level of a sensor.
     pub(super) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) {
-        let counted = self.sensing.edge(at, sensor, high, &self.settings);
+        let counted = self.sensing.edge(at, sensor, high);
         self.watch_encoder(at, counted);
     }
 
     /// Breaks or repairs the wire of a Hall sensor, and the wires of the encoder.
     pub(super) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) {
-        let counted = self.sensing.cut(at, halls, encoder, &self.settings);
+        let counted = self.sensing.cut(at, halls, encoder);
         self.watch_encoder(at, counted);
     }
 
@@ -419,8 +414,8 @@ impl Servo {
         match counted {
             Some(Counted::Encoder) => self.faults.encoder_edge(),
             Some(Counted::Halls) if self.settings.enc_ppr > 0 && self.is_controlling() => {
-                let (count, settings) = (self.sensing.count(), &self.settings);
-                self.alarms |= self.faults.hall_edge(at, count, settings.counts(), settings.turn());
+                let (count, turn) = (self.sensing.count(), self.sensing.turn());
+                self.alarms |= self.faults.hall_edge(at, count, turn, self.settings.encoder_counts().into());
             }
             _ => {}
         }
@@ -446,12 +441,12 @@ impl Servo {
 
     /// Speed in rpm that the speed sensor reads, also between two edges.
     fn reading(&self, at: Instant) -> I40F24 {
-        self.sensing.reading(at, &self.settings)
+        self.sensing.reading(at)
     }
 
     /// Speed in rpm from the edges of the speed sensor alone, positive CCW, not limited.
     pub(super) fn rpm(&self, at: Instant) -> i32 {
-        self.sensing.rpm(at, &self.settings)
+        self.sensing.rpm(at)
     }
 
     /// Current in mA. Its sign refers to the direction of the output.

@@ -26,8 +26,8 @@ pub(super) fn speed_to_target(
     settings: &Settings,
 ) -> I40F24 {
     const TICKS_PER_S: i64 = 1_000;
-    let (turn, motor) = (settings.counts(), sensing.motor());
-    let left = sensing.distance(distance, FAR, at, settings);
+    let (turn, motor) = (sensing.turn(), sensing.motor());
+    let left = sensing.distance(distance, FAR, at);
     if left.abs() <= NEAR {
         return I40F24::ZERO;
     }
@@ -35,7 +35,7 @@ pub(super) fn speed_to_target(
     let brakes = motor.max_deceleration(settings.limit_ma, FULL_DUTY, sign) / BRAKE_DIVISOR * TICKS_PER_S;
     // The braking speed v stops the shaft within the distance s with the deceleration a, after the lag t:
     // v² = 2·a·(s − v·t). Speeds are in rpm: 60 rpm are one turn per second.
-    let brakes = sensing.of_halls(brakes, settings).max(I40F24::ONE).to_num::<i64>();
+    let brakes = sensing.of_halls(brakes).max(I40F24::ONE).to_num::<i64>();
     let lag_ms = (motor.slowness / LAG_PART).to_num::<i64>().max(TICKS_PER_S / LAG_PER_S);
     let lag = brakes.saturating_mul(lag_ms) / TICKS_PER_S;
     let square =

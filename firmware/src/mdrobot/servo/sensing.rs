@@ -29,22 +29,28 @@ pub(super) struct Sensing {
 }
 
 impl Sensing {
-    pub(super) fn new() -> Self {
-        Self::with(Feedback::new(&MOTOR))
+    pub(super) fn new(settings: &Settings) -> Self {
+        Self::with(Feedback::new(&MOTOR), settings)
     }
 
     /// The state at power-on. What the motor has reported stays.
-    pub(super) fn restarted(&self) -> Self {
-        Self::with(self.feedback)
+    pub(super) fn restarted(&self, settings: &Settings) -> Self {
+        Self::with(self.feedback, settings)
     }
 
-    fn with(feedback: Feedback) -> Self {
+    /// Applies new settings.
+    pub(super) fn set(&mut self, settings: &Settings) {
+        self.hall_edges.set_turn(settings.counts());
+        self.encoder_edges.set_turn(settings.encoder_counts());
+    }
+
+    fn with(feedback: Feedback, settings: &Settings) -> Self {
         Self {
             feedback,
             halls: Halls::NEW,
             encoder: Encoder::NEW,
-            hall_edges: Edges::NONE,
-            encoder_edges: Edges::NONE,
+            hall_edges: Edges::new(settings.counts()),
+            encoder_edges: Edges::new(settings.encoder_counts()),
         }
     }
 
@@ -54,48 +60,36 @@ impl Sensing {
     }
 
     /// Handles a level of a sensor.
-    pub(super) fn edge(
-        &mut self,
-        at: Instant,
-        sensor: Sensor,
-        high: bool,
-        settings: &Settings,
-    ) -> Option<Counted> {
+    pub(super) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) -> Option<Counted> {
         if let Sensor::Hall(place) = sensor {
             let counts = self.halls.edge(at, place, high);
-            return self.hall_counts(at, counts, settings);
+            return self.hall_counts(at, counts);
         }
         let forward = self.encoder.edge(sensor == Sensor::EncoderA, high)?;
-        self.encoder_edges.edge(at, forward, settings.encoder_counts(), &self.feedback);
+        self.encoder_edges.edge(at, forward, &self.feedback);
         Some(Counted::Encoder)
     }
 
     /// Breaks or repairs the wire of a Hall sensor, and the wires of the encoder. The drive reads high from a
     /// broken wire.
-    pub(super) fn cut(
-        &mut self,
-        at: Instant,
-        halls: bool,
-        encoder: bool,
-        settings: &Settings,
-    ) -> Option<Counted> {
+    pub(super) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) -> Option<Counted> {
         self.encoder.cut(encoder);
         let counts = self.halls.cut(at, halls);
-        self.hall_counts(at, counts, settings)
+        self.hall_counts(at, counts)
     }
 
     /// Handles counts that the Hall sensors made, positive forward.
-    fn hall_counts(&mut self, at: Instant, counts: i8, settings: &Settings) -> Option<Counted> {
+    fn hall_counts(&mut self, at: Instant, counts: i8) -> Option<Counted> {
         for _ in 0..counts.unsigned_abs() {
-            self.hall_edges.edge(at, counts > 0, settings.counts(), &self.feedback);
+            self.hall_edges.edge(at, counts > 0, &self.feedback);
         }
         (counts != 0).then_some(Counted::Halls)
     }
 
     /// Takes the present angle as the reference, at the start of a motion.
-    pub(super) fn begin(&mut self, at: Instant, settings: &Settings) {
-        self.hall_edges.begin(at, settings.counts(), &self.feedback);
-        self.encoder_edges.begin(at, settings.encoder_counts(), &self.feedback);
+    pub(super) fn begin(&mut self, at: Instant) {
+        self.hall_edges.begin(at, &self.feedback);
+        self.encoder_edges.begin(at, &self.feedback);
     }
 
     /// Sets the measured speed to 0.
@@ -136,38 +130,43 @@ impl Sensing {
 
     /// Distance in counts of the Hall sensors from the shaft to the middle of the count that is `counts` ahead, limited
     /// to `most`.
-    pub(super) fn distance(&self, counts: i64, most: i64, at: Instant, settings: &Settings) -> I40F24 {
-        self.hall_edges.distance(counts, most, at, settings.counts(), &self.feedback)
+    pub(super) fn distance(&self, counts: i64, most: i64, at: Instant) -> I40F24 {
+        self.hall_edges.distance(counts, most, at, &self.feedback)
     }
 
     /// Speed that the Hall sensors show for a speed of the shaft, in rpm.
-    pub(super) fn of_halls(&self, rpm: I40F24, settings: &Settings) -> I40F24 {
-        self.hall_edges.of_sensor(rpm, settings.counts())
+    pub(super) fn of_halls(&self, rpm: I40F24) -> I40F24 {
+        self.hall_edges.of_sensor(rpm)
     }
 
-    /// Edges of the speed sensor.
-    fn speed(&self, settings: &Settings) -> &Edges {
-        if settings.enc_ppr > 0 { &self.encoder_edges } else { &self.hall_edges }
+    /// Counts of the Hall sensors in a turn.
+    pub(super) fn turn(&self) -> i64 {
+        self.hall_edges.turn()
+    }
+
+    /// Edges of the speed sensor: the encoder, if there is one.
+    fn speed(&self) -> &Edges {
+        if self.encoder_edges.turn() > 0 { &self.encoder_edges } else { &self.hall_edges }
     }
 
     /// Speed in rpm from the edges of the speed sensor alone, positive CCW, not limited.
-    pub(super) fn rpm(&self, at: Instant, settings: &Settings) -> i32 {
-        self.speed(settings).rpm(at, settings.turn())
+    pub(super) fn rpm(&self, at: Instant) -> i32 {
+        self.speed().rpm(at)
     }
 
     /// Speed in rpm that the speed sensor reads, also between two edges.
-    pub(super) fn reading(&self, at: Instant, settings: &Settings) -> I40F24 {
-        self.speed(settings).reading(at, settings.turn(), &self.feedback)
+    pub(super) fn reading(&self, at: Instant) -> I40F24 {
+        self.speed().reading(at, &self.feedback)
     }
 
     /// The back-EMF, as a duty, at the speed `rpm` that the sensor reads.
-    pub(super) fn duty_of(&self, rpm: I40F24, settings: &Settings) -> I40F24 {
-        self.feedback.motor.duty(self.speed(settings).of_shaft(rpm, settings.turn()))
+    pub(super) fn duty_of(&self, rpm: I40F24) -> I40F24 {
+        self.feedback.motor.duty(self.speed().of_shaft(rpm))
     }
 
     /// Present back-EMF, as a duty.
-    pub(super) fn back_emf(&self, at: Instant, settings: &Settings) -> I40F24 {
-        self.duty_of(self.reading(at, settings), settings)
+    pub(super) fn back_emf(&self, at: Instant) -> I40F24 {
+        self.duty_of(self.reading(at))
     }
 
     /// Current in mA, with the sign of the duty.

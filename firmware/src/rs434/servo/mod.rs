@@ -130,7 +130,7 @@ impl Servo {
             limit_ma: if settings.closed { settings.limit_ma } else { 0 },
             held_back: HeldBack::NONE,
             counter: Counter::new(at),
-            edges: Edges::NONE,
+            edges: Edges::new(settings.counts() as i32),
             compared: None,
             goal: None,
             left: 0,
@@ -165,7 +165,7 @@ impl Servo {
         let (to, from) = (settings.counts(), before.counts());
         if to != from || settings.halls != before.halls {
             // The drive's internal motor changes too, and is then at another angle.
-            self.edges.reset();
+            self.edges = Edges::new(to as i32);
             self.compared = None;
         }
         if settings.halls != before.halls {
@@ -255,7 +255,7 @@ impl Servo {
             return;
         }
         self.direction = direction;
-        self.edges.begin(at, self.settings.counts(), &self.feedback);
+        self.edges.begin(at, &self.feedback);
         self.compare_from(at);
         (self.setpoint, self.owed, self.breakaway) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
         self.held_back = HeldBack::NONE;
@@ -275,8 +275,7 @@ impl Servo {
                 }
                 // A single sensor shows no direction, so swapped wires cannot give it a wrong one.
                 let really = self.feedback.rpm(at).filter(|_| self.settings.halls == 1).map(|rpm| rpm >= 0);
-                let turn = self.settings.counts();
-                self.edges.edge(at, really.unwrap_or(forward), turn, &self.feedback);
+                self.edges.edge(at, really.unwrap_or(forward), &self.feedback);
                 if let Some(goal) = self.goal {
                     self.left = goal.left(self.counter.count());
                 }
@@ -403,14 +402,14 @@ impl Servo {
     /// Returns true if the edges of the Hall sensors do not match the rotation of the shaft: a wire is
     /// broken, or the wires are swapped.
     fn is_miswired(&mut self, at: Instant) -> bool {
-        let (turn, count) = (self.settings.counts(), self.counter.count());
-        if self.edges.per_turn(turn) < 0 {
+        let count = self.counter.count();
+        if self.edges.per_turn() < 0 {
             return true;
         }
         let (Some((from, counted)), Some(angle)) = (self.compared, self.feedback.angle(at)) else {
             return false;
         };
-        let turned = self.edges.counts_from(from, at, turn, &self.feedback).abs();
+        let turned = self.edges.counts_from(from, at, &self.feedback).abs();
         if turned <= CHECK_COUNTS {
             return false;
         }
@@ -421,24 +420,20 @@ impl Servo {
 
     /// Greatest decrease of speed per tick by the current limit, with the effects of load and friction.
     fn max_deceleration(&self) -> I40F24 {
-        let turn = self.settings.counts();
         let rpm =
             self.feedback.motor.max_deceleration(self.settings.limit_ma, MAX_DUTY, self.direction.into());
-        let rpm = self.edges.of_sensor(rpm, turn);
-        scaled(rpm, turn, RPM).max(I40F24::DELTA)
+        scaled(self.edges.of_sensor(rpm), self.edges.turn(), RPM).max(I40F24::DELTA)
     }
 
     /// Speed as the Hall sensors show it.
     fn speed_at(&self, at: Instant) -> I40F24 {
-        let turn = self.settings.counts();
-        let speed = scaled(self.edges.reading(at, turn, &self.feedback), turn, RPM);
+        let speed = scaled(self.edges.reading(at, &self.feedback), self.edges.turn(), RPM);
         if self.settings.halls == 1 { speed.abs() * i64::from(self.direction) } else { speed }
     }
 
     /// Speed of the shaft in rpm, for a speed that the Hall sensors show.
     fn shaft_rpm(&self, speed: I40F24) -> I40F24 {
-        let turn = self.settings.counts();
-        self.edges.of_shaft(scaled(speed, RPM, turn), turn)
+        self.edges.of_shaft(scaled(speed, RPM, self.edges.turn()))
     }
 
     /// The target speed, and the ramps to reach it.
@@ -457,8 +452,7 @@ impl Servo {
 
     /// Distance from the shaft to the middle of the count `count`, limited to [`FAR`].
     fn distance_to(&self, at: Instant, count: i64) -> I40F24 {
-        let turn = self.settings.counts();
-        self.edges.distance(count - self.counter.count(), FAR, at, turn, &self.feedback)
+        self.edges.distance(count - self.counter.count(), FAR, at, &self.feedback)
     }
 
     /// Returns true if a move is so slow and so near its end that it ends on its count with shorted
@@ -550,7 +544,7 @@ impl Servo {
     /// SPEED_VALID in rpm: the measured speed, or without sensors the speed that the duty should give.
     pub(super) fn speed(&self, at: Instant) -> u16 {
         if self.settings.has_sensors() {
-            self.edges.rpm(at, self.settings.counts()).unsigned_abs().min(u16::MAX.into()) as u16
+            self.edges.rpm(at).unsigned_abs().min(u16::MAX.into()) as u16
         } else {
             let rpm = i64::from(self.duty.abs()) * i64::from(self.settings.rated);
             ((rpm + i64::from(FULL_DUTY) / 2) >> 16) as u16
