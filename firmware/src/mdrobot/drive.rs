@@ -116,8 +116,8 @@ impl Drive {
             self.ready(at, out);
         }
         self.sources_timeout(at, out);
-        if self.servo.timeout(at, out) {
-            self.refer(at, Event::Tick, out);
+        if self.servo.timeout(at, out) && self.reference.reverses() {
+            self.refer(at, Event::Update, out);
         }
         self.settle(at, out);
     }
@@ -132,7 +132,7 @@ impl Drive {
     fn sources_timeout(&mut self, at: Instant, out: &mut dyn Context) {
         let measured = self.inputs.timeout(at);
         if self.reference.timeout(at) || measured {
-            self.refer(at, Event::Input, out);
+            self.refer(at, Event::Update, out);
         }
     }
 
@@ -173,7 +173,7 @@ impl Drive {
     fn connectors_changed(&mut self, at: Instant, change: Change, out: &mut dyn Context) {
         match change {
             Change::Speed => {
-                self.refer(at, Event::Input, out);
+                self.refer(at, Event::Update, out);
             }
             Change::Contact { resets } if self.startup.is_ready() => {
                 if resets {

@@ -23,14 +23,13 @@ pub(super) enum Event {
     Setting,
     /// A contact has changed.
     Contact,
-    /// There is a new measurement of the speed input, or a function has ended.
-    Input,
+    /// The order to the motor may change: there is a new measurement of the speed input, a function has ended, or a shaft
+    /// that is to turn back from a limit switch may stand still by now.
+    Update,
     /// An alarm has begun.
     Alarm,
     /// The last alarm has been cleared.
     NoAlarm,
-    /// The servo has executed a control tick.
-    Tick,
 }
 
 /// What the reference works with during an event.
@@ -181,16 +180,13 @@ impl Reference {
             Event::Contact => {
                 self.signals_changed(env);
             }
-            Event::Input => {}
+            Event::Update => {}
             Event::Alarm => {
                 self.command = Command::Nothing(Release::Free);
                 env.servo.order(env.at, Order::Free, env.out);
                 return None;
             }
             Event::NoAlarm => self.brake_dropped(env),
-            // Does a shaft that is to turn back from a limit switch stand still by now?
-            Event::Tick if self.reverses => {}
-            Event::Tick => return None,
         }
         self.update_order(env);
         None
@@ -327,7 +323,7 @@ impl Reference {
     }
 
     /// End of the running function.
-    pub(super) fn deadline(self) -> Instant {
+    pub(super) fn deadline(&self) -> Instant {
         match self.command {
             Command::Function(function) => function.end(),
             _ => Instant::NEVER,
@@ -473,7 +469,7 @@ impl Reference {
     }
 
     /// Returns true while the drive stops a motor that is to turn back from a limit switch.
-    pub(super) fn reverses(self) -> bool {
+    pub(super) fn reverses(&self) -> bool {
         self.reverses
     }
 

@@ -154,6 +154,7 @@ impl Feedback {
     }
 
     /// Stores a report of the motor: its current, its parameters, or its rotation from `at` on.
+    #[inline]
     pub(crate) fn report(&mut self, at: Instant, input: &Input<'_>) {
         match *input {
             Input::MotorCurrent { ma, .. } => self.ma = ma,

@@ -25,7 +25,6 @@ pub(super) use self::program_host::run_program;
 use super::errors::{Error, Errors};
 use super::inputs::{Direction, Inputs, Orders, Run};
 use super::motion::{self, Heading, Motion};
-use super::program::vm::Step;
 use super::program::{Program, Status};
 use super::reasons::Why;
 use super::registers::{Model, Reg, Words, line};
@@ -424,18 +423,6 @@ impl Drive {
             return Err(Why::BadProgram);
         }
         if self.program.is_new() { Err(Why::NoProgram) } else { Ok(()) }
-    }
-
-    /// Carries out what follows from a line of the program. Returns true if it had an effect beyond the registers that
-    /// it wrote.
-    fn line_executed(&mut self, at: Instant, step: Step, out: &mut dyn Context) -> bool {
-        match step {
-            Step::Next | Step::Delay(_) => return false,
-            Step::Acted | Step::End => {}
-            Step::FullEnd => self.program_fully_ended(at, out),
-            Step::Error => self.program_failed(at, out),
-        }
-        true
     }
 
     /// Handles CMD_FULL_STOP_PROGRAM: restores the registers from before the start, and stops the motor

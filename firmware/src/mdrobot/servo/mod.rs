@@ -422,6 +422,7 @@ impl Servo {
     }
 
     /// Handles a report of the motor.
+    #[inline]
     pub(super) fn report(&mut self, at: Instant, input: &Input<'_>) {
         self.sensing.report(at, input);
     }

@@ -55,6 +55,7 @@ impl Sensing {
     }
 
     /// Handles a report of the motor.
+    #[inline]
     pub(super) fn report(&mut self, at: Instant, input: &Input<'_>) {
         self.feedback.report(at, input);
     }

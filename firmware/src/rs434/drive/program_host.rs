@@ -7,15 +7,20 @@ use drivetwin_protocol::registers::{Register, Space};
 use super::Drive;
 use crate::device::{Context, Instant};
 use crate::rs434::errors::Error;
-use crate::rs434::program::vm::{CannotWrite, Host, join};
+use crate::rs434::program::vm::{CannotWrite, Host, Step, join};
 use crate::rs434::program::{self, Program};
 use crate::rs434::registers::Word;
 
 /// Executes the program line that is due, if there is one. Returns true if it had an effect beyond the
 /// registers that it wrote.
 pub(in crate::rs434) fn run_program(drive: &mut Drive, at: Instant, out: &mut dyn Context) -> bool {
-    let step = program::run(at, &mut ProgramHost { drive, at, out });
-    step.is_some_and(|step| drive.line_executed(at, step, out))
+    match program::run(at, &mut ProgramHost { drive, at, out }) {
+        None | Some(Step::Next | Step::Delay(_)) => return false,
+        Some(Step::Acted | Step::End) => {}
+        Some(Step::FullEnd) => drive.program_fully_ended(at, out),
+        Some(Step::Error) => drive.program_failed(at, out),
+    }
+    true
 }
 
 /// The drive as the program uses it during a line.

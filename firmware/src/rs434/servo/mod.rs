@@ -291,6 +291,7 @@ impl Servo {
     }
 
     /// Handles a report of the motor.
+    #[inline]
     pub(super) fn report(&mut self, at: Instant, input: &Input<'_>) {
         self.feedback.report(at, input);
         if let Input::Rotation { rotation, .. } = input {
