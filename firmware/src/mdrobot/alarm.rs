@@ -7,19 +7,23 @@ use super::{
 };
 use crate::device::{Context, Fault, Instant, Level, Output};
 
-/// Bits of the last word of `MONITOR`: `CTRL_STATUS` (p. 9) in the low byte, status2 in the high byte.
-pub(super) mod status {
-    pub(in crate::mdrobot) const ALARM: u16 = 1 << 0;
-    pub(in crate::mdrobot) const CTRL_FAIL: u16 = 1 << 1;
-    pub(in crate::mdrobot) const OVER_VOLT: u16 = 1 << 2;
-    pub(in crate::mdrobot) const OVER_TEMP: u16 = 1 << 3;
-    pub(in crate::mdrobot) const OVER_LOAD: u16 = 1 << 4;
-    pub(in crate::mdrobot) const HALL_FAIL: u16 = 1 << 5;
-    pub(in crate::mdrobot) const INV_VEL: u16 = 1 << 6;
-    pub(in crate::mdrobot) const STALL: u16 = 1 << 7;
-    pub(in crate::mdrobot) const REGEN_OVER_TEMP: u16 = 1 << 8;
-    pub(in crate::mdrobot) const ENCODER_FAIL: u16 = 1 << 9;
+/// Alarms, with their bits in the last word of `MONITOR`: `CTRL_STATUS` (p. 9) in the low byte, status2 in the high byte.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u16)]
+pub(super) enum Alarm {
+    CtrlFail = 1 << 1,
+    OverVolt = 1 << 2,
+    OverTemp = 1 << 3,
+    OverLoad = 1 << 4,
+    HallFail = 1 << 5,
+    InvVel = 1 << 6,
+    Stall = 1 << 7,
+    RegenOverTemp = 1 << 8,
+    EncoderFail = 1 << 9,
 }
+
+/// Bit 0 of `CTRL_STATUS`: an alarm is active.
+const ANY: u16 = 1 << 0;
 
 /// Greatest supply without `OVER_VOLT`, in 0.1 V.
 const MAX_SUPPLY: u16 = 600;
@@ -49,7 +53,7 @@ impl Alarms {
 
     /// `CTRL_STATUS` in the low byte, status2 in the high byte.
     pub(super) fn status(self) -> u16 {
-        if self.any() { self.latched | status::ALARM } else { 0 }
+        if self.any() { self.latched | ANY } else { 0 }
     }
 
     /// The value of `VOLT_IN`, in 0.1 V.
@@ -80,14 +84,14 @@ impl Alarms {
     /// Alarms that are active independently of the motor (MDROBOT-32). `halls_are_broken` is true if the Hall sensors
     /// have an impossible code.
     fn immediate(self, halls_are_broken: bool) -> u16 {
-        let supply = if self.supply() > MAX_SUPPLY { status::OVER_VOLT } else { 0 };
-        let halls = if halls_are_broken { status::HALL_FAIL } else { 0 };
+        let supply = if self.supply() > MAX_SUPPLY { Alarm::OverVolt as u16 } else { 0 };
+        let halls = if halls_are_broken { Alarm::HallFail as u16 } else { 0 };
         supply
             | halls
-            | self.of(OVER_TEMPERATURE, status::OVER_TEMP)
-            | self.of(OVERLOAD, status::OVER_LOAD)
-            | self.of(CTRL_FAIL, status::CTRL_FAIL)
-            | self.of(REGEN_OVER_TEMPERATURE, status::REGEN_OVER_TEMP)
+            | self.of(OVER_TEMPERATURE, Alarm::OverTemp as u16)
+            | self.of(OVERLOAD, Alarm::OverLoad as u16)
+            | self.of(CTRL_FAIL, Alarm::CtrlFail as u16)
+            | self.of(REGEN_OVER_TEMPERATURE, Alarm::RegenOverTemp as u16)
     }
 
     /// Latches the alarms `found` by the servo and those that are active independently of the motor. Returns true if one
@@ -102,11 +106,11 @@ impl Alarms {
     /// Clears the alarms that have no cause any more. The servo only finds some causes while the motor turns. A broken
     /// encoder causes an alarm only if the encoder is the speed sensor.
     pub(super) fn reset(&mut self, halls_are_broken: bool, has_encoder: bool) {
-        let encoder = if has_encoder { status::HALL_FAIL | status::ENCODER_FAIL } else { 0 };
+        let encoder = if has_encoder { Alarm::HallFail as u16 | Alarm::EncoderFail as u16 } else { 0 };
         self.latched &= self.immediate(halls_are_broken)
             | self.of(ENCODER_FAIL, encoder)
-            | self.of(HALL_FAIL, status::HALL_FAIL)
-            | self.of(INVERSE_VELOCITY, status::INV_VEL);
+            | self.of(HALL_FAIL, Alarm::HallFail as u16)
+            | self.of(INVERSE_VELOCITY, Alarm::InvVel as u16);
     }
 
     /// Sets the ALARM pin of a ready drive: low during an alarm, or if `inverted` (`INV_ALARM`) low while there is no

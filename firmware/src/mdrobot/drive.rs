@@ -24,28 +24,13 @@ use super::alarm::Alarms;
 use super::inputs::{Change, Inputs};
 use super::reasons::Why;
 use super::reference::{Environment, Event, Reference};
-use super::registers::{self, Pid, SUPPLY, Words, max_rpm};
+use super::registers::{Pid, Words, line, poles};
 use super::saved;
-use super::servo::{Sensor, Servo, Settings};
+use super::servo::{self, Sensor, Servo, Settings};
 use super::startup::Startup;
 use super::{ENC_A, ENC_B, ENCODER_FAIL, HALL_FAIL, HU, HV, HW, INVERSE_VELOCITY, OVER_VOLTAGE, SPEED_IN};
 use crate::device::{Boot, Context, Fault, Input, Instant, Line, Pin};
 use crate::motor::Parameters;
-
-/// Unit of MAX_LOAD and TQ_DATA, in mA.
-const MA_PER_UNIT: u32 = 100;
-/// Unit of VOLT_IN, in mV.
-const MV_PER_UNIT: u32 = 100;
-
-/// The built-in motor: 0.06 V·s, which is 0.06 Nm/A. `HALL_TYPE` selects its poles (MDROBOT-27).
-pub(super) const MOTOR: Parameters = Parameters {
-    supply_mv: SUPPLY as u32 * MV_PER_UNIT,
-    no_load_rpm: 3_820,
-    resistance_mohm: 300,
-    inertia_gcm2: 5_000,
-    hall_sensors: 3,
-    ..Parameters::NOMINAL
-};
 
 /// An MD controller without its serial port.
 #[derive(Clone, Debug)]
@@ -71,8 +56,8 @@ impl Drive {
         let bank = Bank::factory();
         Self {
             startup: Startup::OFF,
-            servo: Servo::new(servo_settings(&bank)),
-            poles: hall_poles(&bank),
+            servo: Servo::new(Settings::of(&bank)),
+            poles: poles(&bank),
             bank,
             unit: 1,
             alarms: Alarms::NONE,
@@ -90,8 +75,8 @@ impl Drive {
         self.inputs = Inputs::REST;
         self.reference = Reference::NONE;
         self.startup.power_on(at, boot);
-        (self.poles, self.other_motor) = (hall_poles(&self.bank), true);
-        self.servo.power_on(at, servo_settings(&self.bank), out);
+        (self.poles, self.other_motor) = (poles(&self.bank), true);
+        self.servo.power_on(at, Settings::of(&self.bank), out);
     }
 
     /// Switches the power off. Only presets follow until the next power-on.
@@ -247,7 +232,7 @@ impl Drive {
 
     /// Settings of the serial line after the next power-on.
     pub(super) fn line(&self) -> Line {
-        registers::line(self.bank.word(Pid::CONTROLLER_BAUD))
+        line(self.bank.word(Pid::CONTROLLER_BAUD))
     }
 
     /// The address on which the drive answers.
@@ -255,15 +240,9 @@ impl Drive {
         self.unit
     }
 
-    /// Parameters of [`MOTOR`] at the present supply.
+    /// Parameters of the built-in motor at the present supply.
     pub(super) fn motor(&self) -> Parameters {
-        let supply = u32::from(self.alarms.supply()).min(Parameters::MOST.supply_mv / MV_PER_UNIT);
-        Parameters {
-            supply_mv: supply * MV_PER_UNIT,
-            no_load_rpm: MOTOR.no_load_rpm * supply / u32::from(SUPPLY),
-            hall_pulses: self.poles / 2,
-            ..MOTOR
-        }
+        servo::motor(self.poles, self.alarms.supply())
     }
 
     /// Handles a change of the supply.
@@ -279,28 +258,6 @@ impl Drive {
 
     /// Passes the settings from the registers to the servo.
     fn set_servo(&mut self, at: Instant, out: &mut dyn Context) {
-        self.servo.set(at, servo_settings(&self.bank), out);
-    }
-}
-
-/// Poles of the motor that `HALL_TYPE` selects.
-fn hall_poles(bank: &Words) -> u16 {
-    registers::poles(bank.word(Pid::HALL_TYPE))
-}
-
-/// Settings of the servo from the bank (MDROBOT-8).
-fn servo_settings(bank: &Words) -> Settings {
-    let word = |pid| bank.word(pid);
-    Settings {
-        max_rpm: max_rpm(bank),
-        limit_ma: bank.clamped_value(Pid::MAX_LOAD) as u32 * MA_PER_UNIT,
-        pv_gain: word(Pid::PV_GAIN),
-        p_gain: word(Pid::P_GAIN),
-        i_gain: word(Pid::I_GAIN),
-        slow_start: word(Pid::SLOW_START),
-        slow_down: word(Pid::SLOW_DOWN),
-        stop_status: word(Pid::STOP_STATUS),
-        poles: hall_poles(bank),
-        enc_ppr: word(Pid::ENC_PPR),
+        self.servo.set(at, Settings::of(&self.bank), out);
     }
 }

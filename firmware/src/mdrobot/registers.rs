@@ -13,6 +13,8 @@ pub(super) type Words = Bank<Pid, { Pid::WORDS }>;
 /// Given instead of a page for what only public clients of later controllers show (MDROBOT-10).
 pub(super) const LATER: &str = "not in V1.1";
 
+/// Unit of MAX_LOAD and TQ_DATA, in mA.
+pub(super) const MA_PER_UNIT: u32 = 100;
 /// Nominal supply, in 0.1 V.
 pub(super) const SUPPLY: u16 = 240;
 
@@ -291,9 +293,9 @@ pub(super) const fn line(code: u16) -> Line {
 /// Settings of the serial line of a new controller.
 pub(super) const FACTORY_LINE: Line = line(2);
 
-/// Poles of the motor for a value of `HALL_TYPE` (p. 8).
-pub(super) const fn poles(hall_type: u16) -> u16 {
-    match hall_type {
+/// Poles of the motor that `HALL_TYPE` selects (p. 8).
+pub(super) fn poles(bank: &Words) -> u16 {
+    match bank.word(Pid::HALL_TYPE) {
         0 => 4,
         1 => 8,
         2 => 10,

@@ -4,12 +4,12 @@ use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::modbus::server::RequestHandler;
 use drivetwin_protocol::registers::Register;
 
-use super::{Drive, MA_PER_UNIT};
+use super::Drive;
 use crate::device::{Context, Instant, Output, PresetError};
 use crate::mdrobot::command::{self, Act};
 use crate::mdrobot::reasons::Why;
 use crate::mdrobot::reference::Event;
-use crate::mdrobot::registers::{DEFAULT_CHECK, Pid, stored_value, unlocked, validate};
+use crate::mdrobot::registers::{DEFAULT_CHECK, MA_PER_UNIT, Pid, stored_value, unlocked, validate};
 use crate::mdrobot::saved;
 
 /// Limit of `RPM_DATA` in both directions (p. 12; MDROBOT-18).

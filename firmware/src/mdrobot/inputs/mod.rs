@@ -84,7 +84,7 @@ impl Inputs {
 
     /// Time at which the present measurement times out.
     pub(super) fn deadline(&self) -> Instant {
-        self.speed_in.due.min(self.pulse_in.due)
+        self.speed_in.deadline().min(self.pulse_in.deadline())
     }
 
     /// Returns true if a measurement has timed out.
@@ -155,10 +155,10 @@ impl Inputs {
             return one_way(analogue(bank, bank.word(Pid::INT_VOLUME)));
         }
         match bank.word(Pid::INPUT_TYPE) {
-            input_type::JOYSTICK => speed_in::joystick(speed_in.digit),
+            input_type::JOYSTICK => speed_in::joystick(speed_in.digit()),
             input_type::PULSES => one_way(pulse_in.rate()),
             input_type::RC => pulse_in.rc(),
-            _ => one_way(analogue(bank, speed_in.digit)),
+            _ => one_way(analogue(bank, speed_in.digit())),
         }
     }
 }

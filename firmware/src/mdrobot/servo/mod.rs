@@ -10,6 +10,7 @@ mod pi;
 mod position;
 mod ramp;
 mod sensing;
+mod settings;
 #[cfg(test)]
 mod tests;
 mod watch;
@@ -18,6 +19,7 @@ use fixed::types::I40F24;
 
 use self::pi::Pi;
 use self::sensing::{Counted, Sensing};
+pub(super) use self::settings::{Settings, motor};
 use self::watch::{ControlSample, FaultMonitor};
 use crate::device::{Context, Duration, Input, Instant, Output, REPORTS_REASONS};
 use crate::mdrobot::reasons::Why;
@@ -53,58 +55,6 @@ pub(super) enum Order {
     Open(i16),
     /// Torque in 1/1023 of `MAX_LOAD`.
     Torque(i16),
-}
-
-/// Settings from the registers.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Settings {
-    /// `MAX_RPM`, limited to its range.
-    pub(super) max_rpm: u16,
-    /// `MAX_LOAD`, limited to its range, in mA.
-    pub(super) limit_ma: u32,
-    /// `PV_GAIN`, in rpm for each count.
-    pub(super) pv_gain: u16,
-    /// P_GAIN.
-    pub(super) p_gain: u16,
-    /// I_GAIN.
-    pub(super) i_gain: u16,
-    /// SLOW_START, 0 to 1,023.
-    pub(super) slow_start: u16,
-    /// SLOW_DOWN, 0 to 1,023.
-    pub(super) slow_down: u16,
-    /// STOP_STATUS, 0 to 3.
-    pub(super) stop_status: u16,
-    /// Poles of the motor, from `HALL_TYPE`.
-    pub(super) poles: u16,
-    /// ENC_PPR; 0 without an encoder.
-    pub(super) enc_ppr: u16,
-}
-
-impl Settings {
-    /// Settings of a new drive.
-    #[cfg(test)]
-    pub(super) const FACTORY: Self = Self {
-        max_rpm: 3_000,
-        limit_ma: 20_000,
-        pv_gain: 20,
-        p_gain: 6_000,
-        i_gain: 6_000,
-        slow_start: 0,
-        slow_down: 0,
-        stop_status: 0,
-        poles: 4,
-        enc_ppr: 0,
-    };
-
-    /// Counts of the Hall sensors in a turn: the edges of three sensors for each pair of poles.
-    fn counts(&self) -> i32 {
-        3 * i32::from(self.poles.max(1))
-    }
-
-    /// Counts of the encoder in a turn (MDROBOT-29).
-    fn encoder_counts(&self) -> i32 {
-        4 * i32::from(self.enc_ppr)
-    }
 }
 
 /// A sensor that changed.
@@ -468,7 +418,7 @@ impl Servo {
     }
 
     /// Returns the alarms that have occurred since the last call, as bits of
-    /// [`status`](crate::mdrobot::alarm::status).
+    /// [`Alarm`](crate::mdrobot::alarm::Alarm).
     pub(super) fn alarms(&mut self) -> u16 {
         core::mem::take(&mut self.alarms)
     }

@@ -4,9 +4,9 @@ use fixed::types::I40F24;
 
 use super::encoder::Encoder;
 use super::halls::Halls;
+use super::settings::MOTOR;
 use super::{Sensor, Settings};
 use crate::device::{Input, Instant};
-use crate::mdrobot::drive::MOTOR;
 use crate::motor::{ControlModel, Edges, Feedback};
 
 /// An edge that was counted.

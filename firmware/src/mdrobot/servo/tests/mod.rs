@@ -11,7 +11,7 @@ use std::vec::Vec;
 
 use super::*;
 use crate::device::{Rotation, Shaft};
-use crate::mdrobot::alarm::status;
+use crate::mdrobot::alarm::Alarm;
 use crate::motor::{self, Command, Motor, Parameters, Plant, Report, Reports};
 
 /// The motor of the drive: 24 V, 0.06 Nm/A, 0.3 Ω.
@@ -143,7 +143,7 @@ impl Bench {
             }
             self.alarms |= self.servo.alarms();
             if self.servo.halls_are_broken() {
-                self.alarms |= status::HALL_FAIL;
+                self.alarms |= Alarm::HallFail as u16;
             }
         }
         self.now = end;
