@@ -116,7 +116,7 @@ impl ControlModel {
     }
 }
 
-/// The speed reference of a control loop one [`TICK`](super::TICK) after `setpoint`, on the way to `target`. Its magnitude
+/// The speed reference of a control loop one [`TICK`] after `setpoint`, on the way to `target`. Its magnitude
 /// rises at most by `up` and falls at most by `down`, at any rate if there is none; it changes its sign only at 0.
 pub(crate) fn ramped(setpoint: I40F24, target: I40F24, up: Option<I40F24>, down: Option<I40F24>) -> I40F24 {
     let turns_round = setpoint.signum() * target.signum() < 0;
