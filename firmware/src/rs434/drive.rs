@@ -29,7 +29,7 @@ use super::program::{Program, Status};
 use super::reasons::Why;
 use super::registers::{Model, Reg, Words, line};
 use super::servo::{Servo, Settings};
-use super::startup::{self, Lights, Startup};
+use super::startup::{self, Startup};
 use super::thermal::Thermal;
 use super::{BusSettings, CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2, saved};
 use crate::device::{Boot, Context, Duration, Input, Instant, Pin};
@@ -50,7 +50,6 @@ pub(super) struct Drive {
 
     errors: Errors,
     thermal: Thermal,
-    lights: Lights,
 
     inputs: Inputs,
     servo: Servo,
@@ -76,7 +75,6 @@ impl Drive {
             restart_due: Instant::NEVER,
             errors: Errors::NONE,
             thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
-            lights: Lights::DARK,
             inputs: Inputs::OPEN,
             servo: Servo::new(Instant::ZERO, Settings::of(&bank, false)),
             other_motor: false,
@@ -93,7 +91,6 @@ impl Drive {
         self.random = boot.seed;
         self.errors = Errors::NONE;
         self.thermal = Thermal::new(at, self.model.rated_ma());
-        self.lights = Lights::DARK;
         self.inputs = Inputs::OPEN;
         self.begin(at, out);
     }
@@ -162,7 +159,7 @@ impl Drive {
         let errors = self.servo.errors();
         self.raise(at, errors, out);
         self.motion.follow(&self.servo, &mut self.bank);
-        self.lights.show(at, self.startup.lights(self.errors.stop()), out);
+        self.startup.show(at, self.errors.stop(), out);
     }
 
     /// Starts the drive, after the inputs of the instant of power-on were received.

@@ -46,7 +46,7 @@ pub(super) enum Step {
     Ready,
 }
 
-/// The start of the drive.
+/// The start of the drive, and its lights.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Startup {
     state: State,
@@ -54,11 +54,16 @@ pub(super) struct Startup {
     fast: bool,
     /// True while the contact CLR_FLASH is closed.
     clr_flash: bool,
+    /// True while the red light is on.
+    red: bool,
+    /// True while the green light is on.
+    green: bool,
 }
 
 impl Startup {
     /// No power.
-    pub(super) const OFF: Self = Self { state: State::Off, fast: false, clr_flash: false };
+    pub(super) const OFF: Self =
+        Self { state: State::Off, fast: false, clr_flash: false, red: false, green: false };
 
     /// Begins the start at power-on. The state of CLR_FLASH follows.
     pub(super) fn power_on(&mut self, at: Instant, fast: bool) {
@@ -145,36 +150,20 @@ impl Startup {
         None
     }
 
-    /// The lights: green when the drive is ready, red when an error stops the motor.
-    pub(super) fn lights(&self, has_error: bool) -> Lights {
-        match self.state {
-            State::Off | State::Waking { .. } | State::Booting { .. } => Lights::DARK,
-            State::Clearing { red, .. } => Lights { red, green: !red },
-            State::Ready => Lights { red: has_error, green: true },
-        }
-    }
-}
-
-/// State of the two lights; true is on.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Lights {
-    red: bool,
-    green: bool,
-}
-
-impl Lights {
-    pub(super) const DARK: Self = Self { red: false, green: false };
-
-    /// Changes the lights to `lights`.
-    pub(super) fn show(&mut self, at: Instant, lights: Self, out: &mut dyn Context) {
-        let mut change = |pin: Pin, was: bool, is: bool| {
-            if was != is {
-                let level = if is { Level::High } else { Level::Low };
-                out.put(at, Output::Level { pin, level });
+    /// Updates the lights: green when the drive is ready, red when an error stops the motor.
+    pub(super) fn show(&mut self, at: Instant, has_error: bool, out: &mut dyn Context) {
+        let (red, green) = match self.state {
+            State::Off | State::Waking { .. } | State::Booting { .. } => (false, false),
+            State::Clearing { red, .. } => (red, !red),
+            State::Ready => (has_error, true),
+        };
+        let mut change = |pin: Pin, light: &mut bool, is: bool| {
+            if *light != is {
+                *light = is;
+                out.put(at, Output::Level { pin, level: if is { Level::High } else { Level::Low } });
             }
         };
-        change(RED, self.red, lights.red);
-        change(GREEN, self.green, lights.green);
-        *self = lights;
+        change(RED, &mut self.red, red);
+        change(GREEN, &mut self.green, green);
     }
 }
