@@ -196,10 +196,6 @@ impl Reference {
     /// what it says.
     fn command_written(&mut self, pid: Pid, env: &mut Environment<'_>) -> Option<Why> {
         match pid {
-            Pid::UI_COM | Pid::FUNC_CMD_TYPE => {
-                self.changed(env);
-                return None;
-            }
             Pid::FUNC_CMD => return self.function_written(env),
             _ if !env.is_ready => return None,
             Pid::POSI_VEL_CMD | Pid::INC_POSI_VEL_CMD | Pid::POSI_CMD | Pid::INC_POSI_CMD => {

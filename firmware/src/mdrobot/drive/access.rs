@@ -111,7 +111,6 @@ impl Drive {
             Pid::INV_ALARM => self.update_alarm_pin(at, out),
             Pid::TQ_OFF
             | Pid::BRAKE
-            | Pid::UI_COM
             | Pid::START_STOP
             | Pid::VEL_CMD
             | Pid::OPEN_VEL_CMD
@@ -122,7 +121,8 @@ impl Drive {
             | Pid::INC_POSI_VEL_CMD
             | Pid::POSI_CMD
             | Pid::INC_POSI_CMD => why = self.refer(at, Event::Command(pid), out),
-            Pid::INV_SIGN_CMD
+            Pid::UI_COM
+            | Pid::INV_SIGN_CMD
             | Pid::USE_LIMIT_SW
             | Pid::INPUT_TYPE
             | Pid::START_INV_SIGN
@@ -148,7 +148,7 @@ impl Drive {
             Pid::MAX_LOAD_181 => self.set(at, Pid::MAX_LOAD, value, out),
             Pid::FUNC_CMD_TYPE => {
                 self.bank.set(pid, stored_value(pid, value));
-                self.refer(at, Event::Command(pid), out);
+                self.refer(at, Event::Setting, out);
             }
             Pid::MAX_LOAD | Pid::MAX_RPM => {
                 self.set_servo(at, out);
