@@ -1,27 +1,29 @@
 //! Alarms: their causes, their effects, and how they are cleared (p. 9).
 
-use super::drive::{Drive, State};
-use super::reasons::Why;
-use super::registers::{Pid, SUPPLY};
+use super::registers::SUPPLY;
 use super::{
     ALARM, CTRL_FAIL, ENCODER_FAIL, HALL_FAIL, INVERSE_VELOCITY, OVER_TEMPERATURE, OVER_VOLTAGE, OVERLOAD,
     REGEN_OVER_TEMPERATURE,
 };
 use crate::device::{Context, Fault, Instant, Level, Output};
 
-/// Bits of the last word of `MONITOR`: `CTRL_STATUS` (p. 9) in the low byte, status2 in the high byte.
-pub(super) mod status {
-    pub(in crate::mdrobot) const ALARM: u16 = 1 << 0;
-    pub(in crate::mdrobot) const CTRL_FAIL: u16 = 1 << 1;
-    pub(in crate::mdrobot) const OVER_VOLT: u16 = 1 << 2;
-    pub(in crate::mdrobot) const OVER_TEMP: u16 = 1 << 3;
-    pub(in crate::mdrobot) const OVER_LOAD: u16 = 1 << 4;
-    pub(in crate::mdrobot) const HALL_FAIL: u16 = 1 << 5;
-    pub(in crate::mdrobot) const INV_VEL: u16 = 1 << 6;
-    pub(in crate::mdrobot) const STALL: u16 = 1 << 7;
-    pub(in crate::mdrobot) const REGEN_OVER_TEMP: u16 = 1 << 8;
-    pub(in crate::mdrobot) const ENCODER_FAIL: u16 = 1 << 9;
+/// Alarms, with their bits in the last word of `MONITOR`: `CTRL_STATUS` (p. 9) in the low byte, status2 in the high byte.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u16)]
+pub(super) enum Alarm {
+    CtrlFail = 1 << 1,
+    OverVolt = 1 << 2,
+    OverTemp = 1 << 3,
+    OverLoad = 1 << 4,
+    HallFail = 1 << 5,
+    InvVel = 1 << 6,
+    Stall = 1 << 7,
+    RegenOverTemp = 1 << 8,
+    EncoderFail = 1 << 9,
 }
+
+/// Bit 0 of `CTRL_STATUS`: an alarm is active.
+const ANY: u16 = 1 << 0;
 
 /// Greatest supply without `OVER_VOLT`, in 0.1 V.
 const MAX_SUPPLY: u16 = 600;
@@ -51,7 +53,7 @@ impl Alarms {
 
     /// `CTRL_STATUS` in the low byte, status2 in the high byte.
     pub(super) fn status(self) -> u16 {
-        if self.any() { self.latched | status::ALARM } else { 0 }
+        if self.any() { self.latched | ANY } else { 0 }
     }
 
     /// The value of `VOLT_IN`, in 0.1 V.
@@ -59,8 +61,18 @@ impl Alarms {
         if self.has(OVER_VOLTAGE) { TOO_MUCH_SUPPLY } else { self.supply }
     }
 
+    /// Injects or removes the cause of a fault.
+    pub(super) fn set_fault(&mut self, fault: Fault, on: bool) {
+        self.faults = if on { self.faults | mask(fault) } else { self.faults & !mask(fault) };
+    }
+
+    /// Sets the supply, in 0.1 V.
+    pub(super) fn set_supply(&mut self, supply: u16) {
+        self.supply = supply;
+    }
+
     /// Returns true if a fault is injected.
-    fn has(self, fault: Fault) -> bool {
+    pub(super) fn has(self, fault: Fault) -> bool {
         self.faults & mask(fault) != 0
     }
 
@@ -69,105 +81,51 @@ impl Alarms {
         if self.has(fault) { bits } else { 0 }
     }
 
-    /// Alarms of the injected faults that are active independently of the motor (MDROBOT-32).
-    fn immediate(self) -> u16 {
-        let supply = if self.supply() > MAX_SUPPLY { status::OVER_VOLT } else { 0 };
+    /// Alarms that are active independently of the motor (MDROBOT-32). `halls_are_broken` is true if the Hall sensors
+    /// have an impossible code.
+    fn immediate(self, halls_are_broken: bool) -> u16 {
+        let supply = if self.supply() > MAX_SUPPLY { Alarm::OverVolt as u16 } else { 0 };
+        let halls = if halls_are_broken { Alarm::HallFail as u16 } else { 0 };
         supply
-            | self.of(OVER_TEMPERATURE, status::OVER_TEMP)
-            | self.of(OVERLOAD, status::OVER_LOAD)
-            | self.of(CTRL_FAIL, status::CTRL_FAIL)
-            | self.of(REGEN_OVER_TEMPERATURE, status::REGEN_OVER_TEMP)
+            | halls
+            | self.of(OVER_TEMPERATURE, Alarm::OverTemp as u16)
+            | self.of(OVERLOAD, Alarm::OverLoad as u16)
+            | self.of(CTRL_FAIL, Alarm::CtrlFail as u16)
+            | self.of(REGEN_OVER_TEMPERATURE, Alarm::RegenOverTemp as u16)
+    }
+
+    /// Latches the alarms `found` by the servo and those that are active independently of the motor. Returns true if one
+    /// of them is new.
+    pub(super) fn raise(&mut self, found: u16, halls_are_broken: bool) -> bool {
+        let alarms = found | self.immediate(halls_are_broken);
+        let is_new = alarms & !self.latched != 0;
+        self.latched |= alarms;
+        is_new
+    }
+
+    /// Clears the alarms that have no cause any more. The servo only finds some causes while the motor turns. A broken
+    /// encoder causes an alarm only if the encoder is the speed sensor.
+    pub(super) fn reset(&mut self, halls_are_broken: bool, has_encoder: bool) {
+        let encoder = if has_encoder { Alarm::HallFail as u16 | Alarm::EncoderFail as u16 } else { 0 };
+        self.latched &= self.immediate(halls_are_broken)
+            | self.of(ENCODER_FAIL, encoder)
+            | self.of(HALL_FAIL, Alarm::HallFail as u16)
+            | self.of(INVERSE_VELOCITY, Alarm::InvVel as u16);
+    }
+
+    /// Sets the ALARM pin of a ready drive: low during an alarm, or if `inverted` (`INV_ALARM`) low while there is no
+    /// alarm (MDROBOT-26). Before that the pin is high.
+    pub(super) fn update_pin(&mut self, at: Instant, is_ready: bool, inverted: bool, out: &mut dyn Context) {
+        let low = is_ready && self.any() != inverted;
+        if low != self.low {
+            self.low = low;
+            let level = if low { Level::Low } else { Level::High };
+            out.put(at, Output::Level { pin: ALARM, level });
+        }
     }
 }
 
 /// The bit of a fault.
 const fn mask(fault: Fault) -> u16 {
     1_u16.unbounded_shl(fault.0 as u32)
-}
-
-impl Drive {
-    /// Injects or removes the cause of a fault.
-    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
-        let faults = &mut self.alarms.faults;
-        *faults = if on { *faults | mask(fault) } else { *faults & !mask(fault) };
-        match fault {
-            HALL_FAIL | ENCODER_FAIL => {
-                self.servo.cut(at, self.alarms.has(HALL_FAIL), self.alarms.has(ENCODER_FAIL));
-            }
-            INVERSE_VELOCITY => self.servo.swap(at, on, out),
-            OVER_VOLTAGE => self.supply_changed(at, out),
-            _ => {}
-        }
-        self.check_alarms(at, out);
-    }
-
-    /// Sets the supply, in 0.1 V.
-    pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
-        self.alarms.supply = supply;
-        self.supply_changed(at, out);
-        self.check_alarms(at, out);
-    }
-
-    /// Alarms that are active independently of the motor.
-    fn immediate(&self) -> u16 {
-        let halls = if self.servo.halls_are_broken() { status::HALL_FAIL } else { 0 };
-        self.alarms.immediate() | halls
-    }
-
-    /// Alarms that cannot be cleared now, including those that the servo only finds while the motor turns.
-    fn causes(&self) -> u16 {
-        let alarms = self.alarms;
-        // A broken encoder causes an alarm only if the encoder is the speed sensor.
-        let encoder = match self.bank.word(Pid::ENC_PPR) {
-            0 => 0,
-            _ => alarms.of(ENCODER_FAIL, status::HALL_FAIL | status::ENCODER_FAIL),
-        };
-        self.immediate()
-            | encoder
-            | alarms.of(HALL_FAIL, status::HALL_FAIL)
-            | alarms.of(INVERSE_VELOCITY, status::INV_VEL)
-    }
-
-    /// Raises the present alarms. It is called at the end of the start-up, and after any change of their
-    /// causes.
-    pub(super) fn check_alarms(&mut self, at: Instant, out: &mut dyn Context) {
-        let found = self.servo.alarms();
-        if self.state == State::Ready {
-            self.raise(at, found | self.immediate(), out);
-        }
-    }
-
-    /// Latches alarms. A new alarm switches the output off.
-    fn raise(&mut self, at: Instant, alarms: u16, out: &mut dyn Context) {
-        if alarms & !self.alarms.latched == 0 {
-            return;
-        }
-        self.alarms.latched |= alarms;
-        self.drop_reference(at, out);
-        self.update_alarm_pin(at, out);
-    }
-
-    /// Clears the alarms that have no cause any more. Returns the reason why an alarm stays.
-    pub(super) fn reset_alarms(&mut self, at: Instant, out: &mut dyn Context) -> Option<Why> {
-        let any = self.alarms.any();
-        self.alarms.latched &= self.causes();
-        self.update_alarm_pin(at, out);
-        if self.alarms.any() {
-            return Some(Why::CauseStays);
-        }
-        if any {
-            self.alarms_cleared(at, out);
-        }
-        None
-    }
-
-    /// Sets the ALARM pin: low during an alarm, or with `INV_ALARM` low while there is no alarm (MDROBOT-26).
-    pub(super) fn update_alarm_pin(&mut self, at: Instant, out: &mut dyn Context) {
-        let low = self.state == State::Ready && self.alarms.any() != (self.bank.word(Pid::INV_ALARM) != 0);
-        if low != self.alarms.low {
-            self.alarms.low = low;
-            let level = if low { Level::Low } else { Level::High };
-            out.put(at, Output::Level { pin: ALARM, level });
-        }
-    }
 }

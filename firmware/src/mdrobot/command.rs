@@ -1,16 +1,12 @@
 //! The codes of COMMAND (p. 6): the effect of each, or the reason why it has none.
 
-use drivetwin_protocol::registers::Register;
-
-use super::drive::Drive;
-use super::reasons::Why;
 use super::registers::{LATER, Pid};
 use super::{CLUTCH, FAN};
-use crate::device::{CommandSpec, Context, Instant, Level, Output, Pin};
+use crate::device::{CommandSpec, Level, Pin};
 
 /// Action of a code.
 #[derive(Clone, Copy, Debug)]
-enum Act {
+pub(super) enum Act {
     /// Acts like a write of any word to that PID.
     As(Pid),
     /// Acts like a write of that value to that PID.
@@ -116,28 +112,7 @@ const fn split<const N: usize>(rows: [(CommandSpec, Act); N]) -> ([CommandSpec; 
     (commands, acts)
 }
 
-impl Drive {
-    /// Executes a code written to COMMAND. A code without a row does nothing (newer controllers have more
-    /// codes).
-    pub(super) fn command(&mut self, at: Instant, code: u16, out: &mut dyn Context) {
-        let Some((_, act)) = ACTS.iter().find(|(known, _)| *known == code) else {
-            return Why::NoSuchCode.put(at, out);
-        };
-        match *act {
-            As(pid) => self.written(at, pid, out),
-            Set(pid, value) => self.set(at, pid, value, out),
-            Erase(pids) => {
-                // All PIDs are set before the first save. So a loss of power in that save leaves all PIDs as
-                // they were, instead of erasing only the first.
-                for &pid in pids {
-                    self.bank.set(pid, Pid::ENTRIES.list.get(pid.row()).map_or(0, |row| row.reset));
-                }
-                for &pid in pids {
-                    self.written(at, pid, out);
-                }
-            }
-            Switch(pin, level) => out.put(at, Output::Level { pin, level }),
-            Nothing => Why::NotModelled.put(at, out),
-        }
-    }
+/// The action of a code; `None` if the code has no row (newer controllers have more codes).
+pub(super) fn act(code: u16) -> Option<Act> {
+    ACTS.iter().find(|(known, _)| *known == code).map(|&(_, act)| act)
 }

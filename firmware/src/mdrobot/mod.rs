@@ -22,10 +22,10 @@ use drivetwin_protocol::modbus::pdu::{
     Exception, READ_HOLDING_REGISTERS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_REGISTER,
 };
 use drivetwin_protocol::modbus::rtu::RtuReceiver;
-use drivetwin_protocol::modbus::server::{RequestHandler, Rules};
+use drivetwin_protocol::modbus::server::Rules;
 use drivetwin_protocol::registers::Register;
 
-use self::drive::Drive;
+use self::drive::{Bus, Drive};
 pub use self::registers::Pid;
 use crate::device::{
     AxisSpec, Boot, Context, Device, Duration, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin,
@@ -89,7 +89,7 @@ static NOT_MODELLED: [&str; 9] = [
 ];
 
 static WRITES: Writes = Writes {
-    refuses: |row, value| Pid::from_row(row).is_some_and(|pid| Drive::validate(pid, value).is_err()),
+    refuses: |row, value| Pid::from_row(row).is_some_and(|pid| registers::validate(pid, value).is_err()),
     ..Writes::OF_ROWS
 };
 
@@ -179,9 +179,9 @@ impl Mdrobot {
 
     /// Processes the received frame when it is complete.
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
-        let unit = self.drive.unit;
+        let unit = self.drive.unit();
         let mut reply = Frame::new();
-        let mut bus = Bus { drive: &mut self.drive, at, out };
+        let mut bus = Bus::new(&mut self.drive, at, out);
         let Some(outcome) = self.serial.serve(unit, &RULES, &mut bus, &mut reply) else { return };
         self.serial.answer(at, Duration::ZERO, outcome, &mut reply, out);
     }
@@ -217,7 +217,7 @@ impl Device for Mdrobot {
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         if is_reception(&input) {
-            self.drive.wake(at, out);
+            self.drive.timeout(at, out);
             if self.serial.is_over(at) {
                 self.serve(at, out);
             }
@@ -228,16 +228,8 @@ impl Device for Mdrobot {
                 self.serial.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
-            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
-            Input::Open { pin } => self.drive.opened(at, pin, out),
-            Input::Millivolts { pin: SPEED_IN, mv } => self.drive.voltage(at, mv, out),
-            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
-            Input::MotorCurrent { ma, .. } => self.drive.servo.draws(ma),
-            Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
-            Input::Rotation { rotation, .. } => self.drive.servo.turned(at, rotation),
-            _ => {}
+            _ => self.drive.input(at, &input, out),
         }
-        self.drive.check_alarms(at, out);
     }
 
     fn receives_from(&self) -> Instant {
@@ -249,9 +241,7 @@ impl Device for Mdrobot {
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.drive.deadline() <= at {
-            self.drive.timeout(at, out);
-        }
+        self.drive.timeout(at, out);
         if self.serial.is_over(at) {
             self.serve(at, out);
         }
@@ -275,36 +265,5 @@ impl Device for Mdrobot {
     ) -> Result<(), PresetError> {
         let pid = Pid::from_row(row).ok_or(PresetError::NoSuchRegister)?;
         self.drive.poke(at, pid, value, out)
-    }
-}
-
-/// Access to the drive's PIDs during a request from the bus.
-struct Bus<'a> {
-    drive: &'a mut Drive,
-    at: Instant,
-    out: &'a mut dyn Context,
-}
-
-impl RequestHandler for Bus<'_> {
-    type Register = Pid;
-
-    fn words(&self) -> &[u16] {
-        self.drive.bank.words()
-    }
-
-    fn words_mut(&mut self) -> &mut [u16] {
-        self.drive.bank.words_mut()
-    }
-
-    fn refresh(&mut self, pid: Pid) {
-        self.drive.refresh(self.at, pid);
-    }
-
-    fn written(&mut self, pid: Pid) {
-        self.drive.written(self.at, pid, self.out);
-    }
-
-    fn validate(&self, pid: Pid, value: i64) -> Result<(), Exception> {
-        Drive::validate(pid, value)
     }
 }

@@ -2,12 +2,19 @@
 //! numbers.
 
 use drivetwin_protocol::line::{Line, Parity};
+use drivetwin_protocol::modbus::pdu::Exception;
+use drivetwin_protocol::registers::{Bank, Register};
 
 use super::fields;
+
+/// The storage of the PIDs.
+pub(super) type Words = Bank<Pid, { Pid::WORDS }>;
 
 /// Given instead of a page for what only public clients of later controllers show (MDROBOT-10).
 pub(super) const LATER: &str = "not in V1.1";
 
+/// Unit of MAX_LOAD and TQ_DATA, in mA.
+pub(super) const MA_PER_UNIT: u32 = 100;
 /// Nominal supply, in 0.1 V.
 pub(super) const SUPPLY: u16 = 240;
 
@@ -225,7 +232,7 @@ drivetwin_protocol::registers! {
 }
 
 /// Key that ID and BAUDRATE need in DL (2.4, `ID_WRITE_CHK`).
-pub(super) const WRITE_CHECK: i64 = 0xAA;
+const WRITE_CHECK: i64 = 0xAA;
 /// Key that `DEFAULT_SET` needs (2.4, `ID_DEFAULT_CHK`).
 pub(super) const DEFAULT_CHECK: u16 = 0x55;
 
@@ -236,6 +243,39 @@ pub(super) mod function {
     pub(in crate::mdrobot) const POSITION: u16 = 2;
     pub(in crate::mdrobot) const SPEED_MOMENTARY: u16 = 3;
     pub(in crate::mdrobot) const SPEED_ADD: u16 = 4;
+}
+
+/// Returns true if a PID of one bit is 1.
+pub(super) fn flag(bank: &Words, pid: Pid) -> bool {
+    bank.word(pid) == 1
+}
+
+/// The value of `MAX_RPM`, limited to its range.
+pub(super) fn max_rpm(bank: &Words) -> u16 {
+    bank.clamped_value(Pid::MAX_RPM) as u16
+}
+
+/// Checks a value that the row accepts already. For ID and BAUDRATE with the key, DH must be legal. For
+/// `FUNC_CMD_TYPE` only DL is checked.
+pub(super) fn validate(pid: Pid, value: i64) -> Result<(), Exception> {
+    let accepts = |pid: Pid, value| Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.accepts(value));
+    let legal = match pid {
+        Pid::ID => unlocked(value).is_none_or(|id| accepts(Pid::CONTROLLER_ID, id)),
+        Pid::BAUDRATE => unlocked(value).is_none_or(|code| accepts(Pid::CONTROLLER_BAUD, code)),
+        Pid::FUNC_CMD_TYPE => value & 0xFF <= i64::from(function::SPEED_ADD),
+        _ => true,
+    };
+    if legal { Ok(()) } else { Err(Exception::IllegalDataValue) }
+}
+
+/// The DH byte of a value written to ID or BAUDRATE, if the DL byte is the key (MDROBOT-5).
+pub(super) fn unlocked(value: i64) -> Option<i64> {
+    (value & 0xFF == WRITE_CHECK).then_some(value >> 8 & 0xFF)
+}
+
+/// The value that a PID stores of a written one: `FUNC_CMD_TYPE` stores only DL (p. 15) (MDROBOT-3).
+pub(super) fn stored_value(pid: Pid, value: i64) -> i64 {
+    if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
 }
 
 /// Settings of the serial line for a code of BAUDRATE (p. 12; MDROBOT-1).
@@ -253,9 +293,9 @@ pub(super) const fn line(code: u16) -> Line {
 /// Settings of the serial line of a new controller.
 pub(super) const FACTORY_LINE: Line = line(2);
 
-/// Poles of the motor for a value of `HALL_TYPE` (p. 8).
-pub(super) const fn poles(hall_type: u16) -> u16 {
-    match hall_type {
+/// Poles of the motor that `HALL_TYPE` selects (p. 8).
+pub(super) fn poles(bank: &Words) -> u16 {
+    match bank.word(Pid::HALL_TYPE) {
         0 => 4,
         1 => 8,
         2 => 10,

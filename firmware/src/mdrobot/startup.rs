@@ -1,21 +1,55 @@
 //! Start-up of the drive.
 
-use super::drive::{Drive, State};
-use crate::device::{Boot, Context, Duration, Instant};
+use crate::device::{Boot, Duration, Instant};
 
 /// Time from power-on to the first character that the drive receives; the manual does not specify it
 /// (MDROBOT-11).
 const BOOT: Duration = Duration::millis(300);
 
-impl Drive {
-    /// Starts the start-up. Even without a delay, the inputs of this instant are handled before the drive is
+/// State of the drive, from power-on to ready.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+enum State {
+    /// No power.
+    Off,
+    /// During start-up the drive receives no message.
+    Booting {
+        /// End of the start-up.
+        due: Instant,
+    },
+    /// Normal operation, or an alarm.
+    Ready,
+}
+
+/// The start-up of the drive.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Startup {
+    state: State,
+}
+
+impl Startup {
+    /// No power.
+    pub(super) const OFF: Self = Self { state: State::Off };
+
+    /// Begins the start-up. Even without a delay, the inputs of this instant are handled before the drive is
     /// ready.
-    pub(super) fn boot(&mut self, at: Instant, boot: Boot) {
+    pub(super) fn power_on(&mut self, at: Instant, boot: Boot) {
         self.state = State::Booting { due: if boot.fast { at } else { at + BOOT } };
     }
 
+    pub(super) fn power_off(&mut self) {
+        self.state = State::Off;
+    }
+
+    pub(super) fn is_off(self) -> bool {
+        self.state == State::Off
+    }
+
+    pub(super) fn is_ready(self) -> bool {
+        self.state == State::Ready
+    }
+
     /// Time from which the drive receives, after the power-on at `at`: with a delay the tick after its end.
-    pub(super) fn receives_from(&self, at: Instant) -> Instant {
+    pub(super) fn receives_from(self, at: Instant) -> Instant {
         match self.state {
             State::Off => Instant::NEVER,
             State::Booting { due } if due > at => due + Duration::TICK,
@@ -23,18 +57,19 @@ impl Drive {
         }
     }
 
-    pub(super) fn startup_due(&self) -> Instant {
+    pub(super) fn deadline(self) -> Instant {
         match self.state {
             State::Booting { due } => due,
             State::Off | State::Ready => Instant::NEVER,
         }
     }
 
-    /// Ends the start-up: faults raise alarms, and the connectors take effect.
-    pub(super) fn ready(&mut self, at: Instant, out: &mut dyn Context) {
-        self.state = State::Ready;
-        self.check_alarms(at, out);
-        self.update_alarm_pin(at, out);
-        self.sources_ready(at, out);
+    /// Ends the start-up if that is due. Returns true if the drive is ready now.
+    pub(super) fn timeout(&mut self, at: Instant) -> bool {
+        let ends = self.deadline() <= at;
+        if ends {
+            self.state = State::Ready;
+        }
+        ends
     }
 }

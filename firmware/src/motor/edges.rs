@@ -32,6 +32,8 @@ struct Edge {
 /// Edges of a sensor on a shaft, and the speed measured from them.
 #[derive(Clone, Debug)]
 pub(crate) struct Edges {
+    /// Nominal edges per turn; 0 without a sensor.
+    turn: i32,
     /// Time of the edge at which the present window began, and the angle of the shaft there, in 2⁻³² turns.
     since: Instant,
     window_angle: Option<i64>,
@@ -50,20 +52,34 @@ pub(crate) struct Edges {
 }
 
 impl Edges {
-    /// State before the first edge. The shaft is in the middle of a count.
-    pub(crate) const NONE: Self = Self {
-        since: Instant::ZERO,
-        window_angle: None,
-        counts: 0,
-        last: None,
-        angle: None,
-        count_fraction: MIDDLE,
-        measured: None,
-        per_turn: None,
-    };
+    /// State before the first edge of a sensor that nominally has `turn` edges per turn. The shaft is in the middle of a
+    /// count.
+    pub(crate) const fn new(turn: i32) -> Self {
+        Self {
+            turn,
+            since: Instant::ZERO,
+            window_angle: None,
+            counts: 0,
+            last: None,
+            angle: None,
+            count_fraction: MIDDLE,
+            measured: None,
+            per_turn: None,
+        }
+    }
 
-    /// Handles an edge of a sensor that nominally has `turn` edges per turn.
-    pub(crate) fn edge(&mut self, at: Instant, forward: bool, turn: i64, feedback: &Feedback) {
+    /// Nominal edges per turn.
+    pub(crate) fn turn(&self) -> i64 {
+        self.turn.into()
+    }
+
+    /// Changes the nominal number of edges per turn.
+    pub(crate) fn set_turn(&mut self, turn: i32) {
+        self.turn = turn;
+    }
+
+    /// Handles an edge.
+    pub(crate) fn edge(&mut self, at: Instant, forward: bool, feedback: &Feedback) {
         let continues = !self.is_silent(at) && self.last.is_some_and(|before| before.forward == forward);
         self.last = Some(Edge { at, forward });
         self.angle = feedback.angle(at);
@@ -79,55 +95,41 @@ impl Edges {
         }
         let counts = core::mem::take(&mut self.counts);
         if let (Some(from), Some(to)) = (self.window_angle, self.angle) {
-            self.measure(counts, to.wrapping_sub(from), turn);
+            self.measure(counts, to.wrapping_sub(from));
         }
         (self.since, self.window_angle, self.measured) = (at, self.angle, Some((counts, span)));
     }
 
     /// Measures the counts per turn: `counts` counts were made in `turned`, in 2⁻³² turns.
-    fn measure(&mut self, counts: i32, turned: i64, turn: i64) {
+    fn measure(&mut self, counts: i32, turned: i64) {
         const MOST: i32 = 1 << 20;
         let twice = (i64::from(counts.clamp(-MOST, MOST)) << 33).checked_div(turned).unwrap_or(0);
         let per_turn = ((twice + twice.signum()) / 2).clamp(-i64::from(MOST), MOST.into());
-        let present = self.per_turn(turn);
+        let present = self.per_turn();
         if per_turn != 0 && (per_turn - present).abs() * ROUNDING > present.abs() {
             self.per_turn = Some(per_turn);
         }
     }
 
     /// Counts per turn of the shaft, negative if the sensor counts in the other direction: the measured
-    /// number, or else `turn`. Never 0.
-    pub(crate) fn per_turn(&self, turn: i64) -> i64 {
-        self.per_turn.unwrap_or(turn.max(1))
-    }
-
-    /// Forgets all edges, because the sensor or its evaluation has changed.
-    pub(crate) fn reset(&mut self) {
-        *self = Self::NONE;
+    /// number, or else the nominal one. Never 0.
+    pub(crate) fn per_turn(&self) -> i64 {
+        self.per_turn.unwrap_or(self.turn.max(1).into())
     }
 
     /// Takes the present angle as the reference, at the start of a motion.
-    pub(crate) fn begin(&mut self, at: Instant, turn: i64, feedback: &Feedback) {
-        (self.count_fraction, self.angle) = (self.count_fraction_at(at, turn, feedback), feedback.angle(at));
+    pub(crate) fn begin(&mut self, at: Instant, feedback: &Feedback) {
+        (self.count_fraction, self.angle) = (self.count_fraction_at(at, feedback), feedback.angle(at));
     }
 
     /// Distance in counts from the edge behind the shaft to the shaft, 0 to 1.
-    fn count_fraction_at(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
-        self.count_fraction
-            .saturating_add(self.since_edge(at, turn, feedback))
-            .clamp(I40F24::ZERO, I40F24::ONE)
+    fn count_fraction_at(&self, at: Instant, feedback: &Feedback) -> I40F24 {
+        self.count_fraction.saturating_add(self.since_edge(at, feedback)).clamp(I40F24::ZERO, I40F24::ONE)
     }
 
     /// Distance from the shaft to the middle of the count that is `counts` ahead, limited to `most`.
-    pub(crate) fn distance(
-        &self,
-        counts: i64,
-        most: i64,
-        at: Instant,
-        turn: i64,
-        feedback: &Feedback,
-    ) -> I40F24 {
-        I40F24::from_num(counts.min(most).max(-most)) + MIDDLE - self.count_fraction_at(at, turn, feedback)
+    pub(crate) fn distance(&self, counts: i64, most: i64, at: Instant, feedback: &Feedback) -> I40F24 {
+        I40F24::from_num(counts.min(most).max(-most)) + MIDDLE - self.count_fraction_at(at, feedback)
     }
 
     /// Sets the measured speed to 0. The last edges no longer count.
@@ -146,45 +148,44 @@ impl Edges {
     }
 
     /// Counts made by the shaft since the last edge, signed; 0 without a report of the shaft.
-    fn since_edge(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
-        self.angle.map_or(I40F24::ZERO, |from| self.counts_from(from, at, turn, feedback))
+    fn since_edge(&self, at: Instant, feedback: &Feedback) -> I40F24 {
+        self.angle.map_or(I40F24::ZERO, |from| self.counts_from(from, at, feedback))
     }
 
     /// Counts made by the shaft since it was at the angle `from`, in 2⁻³² turns, signed; 0 without a report
     /// of the shaft.
-    pub(crate) fn counts_from(&self, from: i64, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+    pub(crate) fn counts_from(&self, from: i64, at: Instant, feedback: &Feedback) -> I40F24 {
         const MOST: i64 = 1 << 36;
         let turned = feedback.angle(at).map_or(0, |to| to.wrapping_sub(from).clamp(-MOST, MOST));
-        I40F24::from_bits((turned >> 8).saturating_mul(self.per_turn(turn)))
+        I40F24::from_bits((turned >> 8).saturating_mul(self.per_turn()))
     }
 
-    /// Speed of the shaft in rpm as this sensor shows it, with nominally `turn` counts per turn, at most 2²⁴
-    /// in either direction. It is computed from the motor's report, or else from the edges alone. A sensor
+    /// Speed of the shaft in rpm as this sensor shows it, at most 2²⁴ in either direction. It is computed from the motor's report, or else from the edges alone. A sensor
     /// that has missed counts shows 0.
-    pub(crate) fn reading(&self, at: Instant, turn: i64, feedback: &Feedback) -> I40F24 {
+    pub(crate) fn reading(&self, at: Instant, feedback: &Feedback) -> I40F24 {
         const MOST: I40F24 = I40F24::const_from_int(1 << 24);
         let Some(rpm) = feedback.rpm(at) else {
-            return I40F24::from_num(self.rpm(at, turn)).clamp(-MOST, MOST);
+            return I40F24::from_num(self.rpm(at)).clamp(-MOST, MOST);
         };
-        if self.since_edge(at, turn, feedback).abs() > MAX_MISSED {
+        if self.since_edge(at, feedback).abs() > MAX_MISSED {
             return I40F24::ZERO;
         }
-        scaled(rpm, self.per_turn(turn), turn).clamp(-MOST, MOST)
+        scaled(rpm, self.per_turn(), self.turn()).clamp(-MOST, MOST)
     }
 
     /// Speed of the shaft for a speed that this sensor shows, in the same direction.
-    pub(crate) fn of_shaft(&self, rpm: I40F24, turn: i64) -> I40F24 {
-        scaled(rpm, turn, self.per_turn(turn).abs())
+    pub(crate) fn of_shaft(&self, rpm: I40F24) -> I40F24 {
+        scaled(rpm, self.turn(), self.per_turn().abs())
     }
 
     /// Speed that this sensor shows for a speed of the shaft, in the same direction.
-    pub(crate) fn of_sensor(&self, rpm: I40F24, turn: i64) -> I40F24 {
-        scaled(rpm, self.per_turn(turn).abs(), turn)
+    pub(crate) fn of_sensor(&self, rpm: I40F24) -> I40F24 {
+        scaled(rpm, self.per_turn().abs(), self.turn())
     }
 
-    /// Speed in rpm from the edges alone, with `turn` edges per turn. It is the last measured speed, but no
+    /// Speed in rpm from the edges alone. It is the last measured speed, but no
     /// more than the speed at which the next edge would be due now.
-    pub(crate) fn rpm(&self, at: Instant, turn: i64) -> i32 {
+    pub(crate) fn rpm(&self, at: Instant) -> i32 {
         let (Some(last), Some((counts, span))) = (self.last(), self.measured) else { return 0 };
         if self.is_silent(at) {
             return 0;
@@ -192,7 +193,7 @@ impl Edges {
         let (waited, size) = (at.since(last).ticks(), u64::from(counts.unsigned_abs()));
         let (size, ticks) =
             if waited.saturating_mul(size) > span.ticks() { (1, waited) } else { (size, span.ticks()) };
-        let turns = ticks.saturating_mul(turn.unsigned_abs());
+        let turns = ticks.saturating_mul(self.turn.unsigned_abs().into());
         let minute = (60 * TICKS_PER_SECOND).saturating_mul(size);
         let rpm = minute.saturating_add(turns / 2).checked_div(turns).unwrap_or(0);
         rpm.min(i32::MAX.unsigned_abs().into()) as i32 * counts.signum()

@@ -9,7 +9,7 @@
 use fixed::types::I40F24;
 
 use super::{Parameters, Rotation};
-use crate::device::{Duration, Instant};
+use crate::device::{Duration, Input, Instant};
 
 /// Period of a control loop.
 pub(crate) const TICK: Duration = Duration::millis(1);
@@ -116,6 +116,20 @@ impl ControlModel {
     }
 }
 
+/// The speed reference of a control loop one [`TICK`] after `setpoint`, on the way to `target`. Its magnitude
+/// rises at most by `up` and falls at most by `down`, at any rate if there is none; it changes its sign only at 0.
+pub(crate) fn ramped(setpoint: I40F24, target: I40F24, up: Option<I40F24>, down: Option<I40F24>) -> I40F24 {
+    let turns_round = setpoint.signum() * target.signum() < 0;
+    let (slows, aim) =
+        if turns_round { (true, I40F24::ZERO) } else { (target.abs() < setpoint.abs(), target) };
+    let next = match if slows { down } else { up } {
+        Some(rate) => setpoint + (aim - setpoint).min(rate).max(-rate),
+        None => aim,
+    };
+    // Without a ramp down, the reference reaches 0 at once and changes its sign in the same ms.
+    if turns_round && next == 0 && down.is_none() { ramped(next, target, up, down) } else { next }
+}
+
 /// Quotient of two numbers. The second must be above 0.
 pub(crate) fn ratio(one: i64, other: i64) -> I40F24 {
     const MOST: i64 = 1 << 38;
@@ -139,9 +153,15 @@ impl Feedback {
         Self { motor: ControlModel::of(expected), rotation: None, ma: 0 }
     }
 
-    /// Stores a report: the motor's rotation from `at` on.
-    pub(crate) fn turns(&mut self, at: Instant, rotation: Rotation) {
-        self.rotation = Some((at, rotation));
+    /// Stores a report of the motor: its current, its parameters, or its rotation from `at` on.
+    #[inline]
+    pub(crate) fn report(&mut self, at: Instant, input: &Input<'_>) {
+        match *input {
+            Input::MotorCurrent { ma, .. } => self.ma = ma,
+            Input::Motor { parameters, .. } => self.motor = ControlModel::of(parameters),
+            Input::Rotation { rotation, .. } => self.rotation = Some((at, rotation)),
+            _ => {}
+        }
     }
 
     /// Returns true if a motor has reported its rotation.

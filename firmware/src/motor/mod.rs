@@ -31,7 +31,7 @@ use core::mem::replace;
 use self::constants::{Constants, Terminals};
 pub use self::drive_with_motor::{DriveWithMotor, MotorDrive};
 pub(crate) use self::edges::{Edges, SETTLE, scaled};
-pub(crate) use self::feedback::{ControlModel, FULL_DUTY, Feedback, NEAR, TICK, ratio};
+pub(crate) use self::feedback::{ControlModel, FULL_DUTY, Feedback, NEAR, TICK, ramped, ratio};
 use self::interval::MotionInterval;
 pub use self::plant::{Command, Kinematics, Plant, Report, Reports, Sensor};
 pub use self::rotation::Rotation;

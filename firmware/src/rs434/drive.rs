@@ -1,86 +1,65 @@
-//! An RS 434544 or 434546 without its serial port: its registers, and the effects of writes.
+//! An RS 434544 or 434546 without its serial port. It joins its parts, which own their state and do not know the drive.
 //!
 //! | file | contents |
 //! |---|---|
 //! | `registers` | the register table, and the differences of the models |
+//! | `drive/access` | reads and writes of registers, by the bus, the program and presets |
+//! | `drive/program_host` | the drive as its user program uses it |
 //! | `startup` | start, factory reset, lights |
 //! | `errors` | the register ERROR |
 //! | `inputs` | IN1, IN2, HARD_STOP |
-//! | `motion` | starts and stops of the motor |
+//! | `motion` | the motion that was started last |
 //! | `reasons` | reasons why an accepted request has no effect |
 //! | `program` | the user program |
-//! | `commands` | start and stop of the program, and its access to the drive |
 //! | `saved` | settings in the flash |
 //! | `servo` | control of the motor |
 //! | `thermal` | temperatures |
 
-use drivetwin_protocol::modbus::pdu::Exception;
+mod access;
+mod program_host;
+
 use drivetwin_protocol::registers::{Bank, Register};
 
-use super::errors::{Errors, error};
-use super::inputs::Inputs;
-use super::motion::{self, Motion};
-use super::program::Program;
+pub(super) use self::access::Bus;
+pub(super) use self::program_host::run_program;
+use super::errors::{Error, Errors};
+use super::inputs::{Direction, Inputs, Orders, Run};
+use super::motion::{self, Heading, Motion};
+use super::program::{Program, Status};
 use super::reasons::Why;
-use super::registers::{Model, Reg, VERSIONS, key, line};
-use super::servo::Servo;
-use super::startup::{Clearing, Lights};
-use super::thermal::{Part, Thermal};
-use crate::device::{Boot, Context, Duration, Instant, Line, PresetError};
-use crate::memory::PendingSave;
+use super::registers::{Model, Reg, Words, line};
+use super::servo::{Servo, Settings};
+use super::startup::{self, Startup};
+use super::thermal::Thermal;
+use super::{BusSettings, CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2, saved};
+use crate::device::{Boot, Context, Duration, Input, Instant, Pin};
+use crate::memory::{self, PendingSave};
 use crate::motor::Parameters;
-
-/// State of the drive, from power-on to ready.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum State {
-    /// No power.
-    Off,
-    /// Power is on, but other inputs of the same instant may still follow.
-    Waking {
-        /// The instant of power-on.
-        due: Instant,
-    },
-    /// Resetting to the factory values.
-    Clearing(Clearing),
-    /// Starting. No message is received yet.
-    Booting {
-        /// End of the start.
-        due: Instant,
-    },
-    /// Normal operation, with or without an error.
-    Ready,
-}
-
-/// The storage of the registers.
-pub(super) type Words = Bank<Reg, { Reg::WORDS }>;
 
 /// The drive behind the serial port.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
-    pub(super) model: Model,
-    pub(super) state: State,
-    /// True if there is no start-up delay.
-    pub(super) fast: bool,
+    model: Model,
+    startup: Startup,
     /// State of the random numbers of TASK_COUNTER.
     random: u64,
-    pub(super) bank: Words,
-    pub(super) save: PendingSave,
+    bank: Words,
+    save: PendingSave,
     /// Time of the restart requested by FLAG_RESTART.
-    pub(super) restart_due: Instant,
+    restart_due: Instant,
 
-    pub(super) errors: Errors,
-    pub(super) thermal: Thermal,
-    pub(super) lights: Lights,
+    errors: Errors,
+    thermal: Thermal,
 
-    pub(super) inputs: Inputs,
-    pub(super) servo: Servo,
+    inputs: Inputs,
+    servo: Servo,
     /// True if the motor that the servo expects has changed.
-    pub(super) other_motor: bool,
-    pub(super) motion: Motion,
+    other_motor: bool,
+    motion: Motion,
 
-    pub(super) program: Program,
+    program: Program,
     /// Copy of the registers at the start of the program.
-    pub(super) snapshot: Words,
+    snapshot: Words,
 }
 
 impl Drive {
@@ -88,21 +67,18 @@ impl Drive {
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Bank::of(model.entries());
-        let settings = motion::settings(&bank, Errors::NONE);
         Self {
             model,
-            state: State::Off,
-            fast: false,
+            startup: Startup::OFF,
             random: 0,
             save: PendingSave::NONE,
             restart_due: Instant::NEVER,
             errors: Errors::NONE,
             thermal: Thermal::new(Instant::ZERO, model.rated_ma()),
-            lights: Lights::DARK,
             inputs: Inputs::OPEN,
-            servo: Servo::new(Instant::ZERO, settings),
+            servo: Servo::new(Instant::ZERO, Settings::of(&bank, false)),
             other_motor: false,
-            motion: Motion::None,
+            motion: Motion::NONE,
             program: Program::new(),
             snapshot: bank.clone(),
             bank,
@@ -111,84 +87,127 @@ impl Drive {
 
     /// Switches the power on. The caller then passes the states of all inputs.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
-        (self.fast, self.random) = (boot.fast, boot.seed);
+        self.startup.power_on(at, boot.fast);
+        self.random = boot.seed;
         self.errors = Errors::NONE;
         self.thermal = Thermal::new(at, self.model.rated_ma());
-        self.lights = Lights::DARK;
         self.inputs = Inputs::OPEN;
         self.begin(at, out);
     }
 
-    /// Restarts the drive: finishes saves and keeps the states of the inputs.
-    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) {
-        self.save.finish(at, out);
-        self.program.save.finish(at, out);
-        self.begin(at, out);
+    /// Restarts the drive if that is due: finishes saves and keeps the states of the inputs. Returns true if it restarts.
+    pub(super) fn restart(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+        let is_due = self.restart_due <= at;
+        if is_due {
+            self.save.finish(at, out);
+            self.program.finish_save(at, out);
+            self.startup.restart(at);
+            self.begin(at, out);
+        }
+        is_due
     }
 
     /// Resets all volatile state.
     fn begin(&mut self, at: Instant, out: &mut dyn Context) {
-        self.state = State::Waking { due: at };
-        self.errors.clear(u16::MAX);
-        if !self.load_settings(out) {
-            self.errors.warn(error::SETTINGS);
+        self.errors.restart();
+        if !saved::load(self.model.entries(), &mut self.bank, out.memory()) {
+            self.errors.warn(Error::Settings);
         }
         if !self.program.power_on(out) {
-            self.errors.warn(error::PROGRAM_TEST);
+            self.errors.warn(Error::ProgramTest);
         }
         (self.save, self.restart_due) = (PendingSave::NONE, Instant::NEVER);
-        self.motion = Motion::None;
+        self.motion = Motion::NONE;
         self.other_motor = true;
         self.servo.power_on(at, self.servo_settings(), out);
         self.inputs.cancel_debounce();
-        self.update_halls(at);
+        // No event reports the levels of the Hall sensors after a restart.
+        for (a, high) in self.inputs.halls() {
+            self.servo.edge(at, a, high);
+        }
+    }
+
+    /// Switches the power off. Only presets follow until the next power-on.
+    pub(super) fn power_off(&mut self) {
+        self.startup.power_off();
     }
 
     /// Next deadline of everything except the program.
     pub(super) fn deadline(&self) -> Instant {
-        self.startup_due()
-            .min(self.inputs.due())
-            .min(self.servo.deadline())
+        self.startup
+            .deadline()
             .min(self.save.due())
-            .min(self.program.save.due())
+            .min(self.program.save_due())
+            .min(self.servo.deadline())
+            .min(self.inputs.deadline())
             .min(self.restart_due)
     }
 
-    /// Handles all deadlines up to `at`, except those of the program.
+    /// Handles all deadlines up to `at`, except those of the program and of the restart.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.startup_due() <= at {
-            self.startup_timeout(at, out);
-        }
+        self.continue_start(at, out);
         self.save.timeout(at, out);
-        self.program.save.timeout(at, out);
-        if self.servo.deadline() <= at {
-            self.servo.timeout(at, out);
+        self.program.save_timeout(at, out);
+        self.servo.timeout(at, out);
+        if let Some(orders) = self.inputs.timeout(at, self.input_mode()) {
+            self.obey(at, orders, out);
         }
-        self.inputs_timeout(at, out);
+    }
+
+    /// Takes errors and the end of a motion from the servo, and updates the lights. Called after every event.
+    pub(super) fn settle(&mut self, at: Instant, out: &mut dyn Context) {
+        let errors = self.servo.errors();
+        self.raise(at, errors, out);
+        self.motion.follow(&self.servo, &mut self.bank);
+        self.startup.show(at, self.errors.stop(), out);
+    }
+
+    /// Starts the drive, after the inputs of the instant of power-on were received.
+    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.startup.is_waking() {
+            self.continue_start(at, out);
+        }
+    }
+
+    fn continue_start(&mut self, at: Instant, out: &mut dyn Context) {
+        while let Some(step) = self.startup.timeout(at) {
+            match step {
+                startup::Step::Reset => self.reset_settings(at, out),
+                startup::Step::Ready => self.ready(at, out),
+            }
+        }
+    }
+
+    /// Resets the settings to the factory values, also in the flash (section 7).
+    fn reset_settings(&mut self, at: Instant, out: &mut dyn Context) {
+        memory::reset(self.model.entries(), self.bank.words_mut());
+        self.set_servo(at, out);
+        self.save_settings(at, out);
+    }
+
+    /// Ends the start: reports errors, executes the inputs, and starts the program if it is selected.
+    fn ready(&mut self, at: Instant, out: &mut dyn Context) {
+        self.check_errors(at, out);
+        self.inputs.accept();
+        self.obey_levels(at, out);
+        if self.bank.word(Reg::MODE_USER_PROGRAM) == 3 {
+            let _ = self.start_program(at, Status::StartedByPower, out);
+        }
     }
 
     /// First instant at which characters are received; `None` while it is unknown.
     pub(super) fn receives_from(&self) -> Option<Instant> {
-        match self.state {
-            State::Off | State::Waking { .. } | State::Clearing(_) => None,
-            State::Booting { due } => Some(due + Duration::TICK),
-            State::Ready => Some(Instant::ZERO),
+        self.startup.receives_from()
+    }
+
+    /// Settings of the bus for the next start (6.4; RS434-3).
+    pub(super) fn bus_settings(&self) -> BusSettings {
+        let word = |reg| self.bank.word(reg);
+        BusSettings {
+            line: line(word(Reg::TYPE_MODBUS), word(Reg::BITRATE_MODBUS)),
+            unit: (word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8,
+            delay: Duration::millis(word(Reg::TIMEOUT_BROADCAST_MODBUS).into()),
         }
-    }
-
-    /// Line settings for the next start (6.4).
-    pub(super) fn line(&self) -> Line {
-        line(self.bank.word(Reg::TYPE_MODBUS), self.bank.word(Reg::BITRATE_MODBUS))
-    }
-
-    /// Bus address for the next start (6.4; RS434-3).
-    pub(super) fn unit(&self) -> u8 {
-        (self.bank.word(Reg::SLAVE_ADDRESS_MODBUS) & 0xFF) as u8
-    }
-
-    /// Delay of every reply from the next start on (6.4).
-    pub(super) fn reply_delay(&self) -> Duration {
-        Duration::millis(self.bank.word(Reg::TIMEOUT_BROADCAST_MODBUS).into())
     }
 
     /// Delays a requested restart until `instant`, the end of the reply. Returns true if a restart is
@@ -201,6 +220,10 @@ impl Drive {
         wanted
     }
 
+    pub(super) fn model(&self) -> Model {
+        self.model
+    }
+
     /// Parameters of the motor, from the registers (RS434-12).
     pub(super) fn motor(&self) -> Parameters {
         self.servo_settings().motor()
@@ -208,248 +231,216 @@ impl Drive {
 
     /// The parameters, if they may have changed since the last call of this function.
     pub(super) fn new_motor(&mut self) -> Option<Parameters> {
-        if !self.other_motor {
-            return None;
-        }
-        self.other_motor = false;
-        Some(self.motor())
+        core::mem::take(&mut self.other_motor).then(|| self.motor())
     }
 
-    /// Handles a new motor current, in mA.
-    pub(super) fn draws(&mut self, at: Instant, ma: i32) {
-        let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
-        self.thermal.draws(at, ma.unsigned_abs(), brakes);
-        self.servo.draws(ma);
-    }
-
-    /// Value of a register at `at`.
-    pub(super) fn value(&self, at: Instant, reg: Reg) -> i64 {
-        match reg {
-            Reg::IN1_bit => self.inputs.in1.closed.into(),
-            Reg::IN2_bit => self.inputs.in2.closed.into(),
-            Reg::IN_HARD_STOP_bit => self.inputs.hard_stop.into(),
-            Reg::STATUS => match self.servo.direction() {
-                0 => 0,
-                1.. => 1,
-                _ => 2,
-            },
-            Reg::CURRENT_VALID => self.errors.injected_ma().unwrap_or_else(|| self.servo.current(at)).into(),
-            Reg::SPEED_VALID => self.servo.speed(at).into(),
-            Reg::CURRENT_POSITION => self.servo.position().into(),
-            Reg::TEMPERATURE_MCU => self.thermal.temperature(at, Part::Mcu).into(),
-            Reg::TEMPERATURE_MOSFET => self.thermal.temperature(at, Part::Power).into(),
-            Reg::TEMPERATURE_BRAKE => self.thermal.temperature(at, Part::Brake).into(),
-            Reg::TASK_COUNTER => i64::from(hash(self.random) as u16),
-            Reg::STATUS_USER_PROGRAM => self.program.status() as i64,
-            Reg::OFFSET => self.offset(),
-            Reg::ERROR => self.errors.bits().into(),
-            Reg::SUPPLY => self.errors.supply().into(),
-            Reg::PC_REG => self.program.vm.line.into(),
-            _ => match reg.system().and_then(|n| self.program.vm.registers.get(n)) {
-                Some(&word) => word.into(),
-                None => self.bank.get(reg),
-            },
-        }
-    }
-
-    /// Reads a live register; a read of TASK_COUNTER changes it.
-    pub(super) fn read(&mut self, at: Instant, reg: Reg) -> i64 {
-        let value = self.value(at, reg);
-        if reg == Reg::TASK_COUNTER {
-            self.random = self.random.wrapping_add(RANDOM_STEP);
-        }
-        value
-    }
-
-    /// Updates a live register in the bank, because it is read.
-    pub(super) fn refresh(&mut self, at: Instant, reg: Reg) {
-        let value = self.read(at, reg);
-        self.bank.set(reg, value);
-    }
-
-    /// Checks that a value accepted by its row may be written now. It may not while the drive is busy.
-    pub(super) fn validate(&self, reg: Reg, value: i64) -> Result<(), Exception> {
-        // A running program is read from the flash (RS434-28).
-        let saves = reg == Reg::FLAG_SAVE_USER_PROGRAM && value == key::SAVE_PROGRAM;
-        if saves && self.program.is_running() { Err(Exception::ServerDeviceFailure) } else { Ok(()) }
-    }
-
-    /// Executes a write of a register, in the manual's order. Returns true if the write has an immediate
-    /// effect.
-    pub(super) fn written(&mut self, at: Instant, reg: Reg, out: &mut dyn Context) -> bool {
-        match reg {
-            _ if reg.is_control() => self.apply_coils(at, out),
-            Reg::MODE_DEVICE | Reg::MODE_EXT_IN => self.levels_act(at, out),
-            Reg::MODE_USER_PROGRAM => self.command_program(at, out),
-            Reg::REF_CURRENT => {
+    /// Handles an input other than characters.
+    pub(super) fn input(&mut self, at: Instant, input: &Input<'_>, out: &mut dyn Context) {
+        match *input {
+            Input::Edge { pin, high } => self.edge(at, pin, high, out),
+            Input::Fault { fault, on } => {
+                self.errors.set_fault(fault, on);
                 self.set_servo(at, out);
                 self.check_errors(at, out);
             }
-            Reg::USE_HALL => {
-                self.halls_changed(at, out);
-                self.set_servo(at, out);
+            Input::MotorCurrent { ma, .. } => {
+                let brakes = ma.signum() * i32::from(self.servo.direction()) < 0;
+                self.thermal.draws(at, ma.unsigned_abs(), brakes);
+                self.servo.report(at, input);
             }
-            Reg::SPEED | Reg::ACC | Reg::DEC => {
-                if self.servo.keeps_rates() {
-                    Why::KeepsRates.put(at, out);
-                }
-                if reg == Reg::SPEED && self.bank.word(reg) > self.bank.word(Reg::RATED_SPEED) {
-                    Why::TooFast.put(at, out);
-                }
-                return self.set_servo(at, out);
-            }
-            Reg::RATED_SPEED | Reg::PULSES_PER_REVOLUTION | Reg::MODE_COIL => {
-                return self.set_servo(at, out);
-            }
-            Reg::OFFSET => self.offset_written(at, out),
-            Reg::DIRECTION => {
-                if let Err(why) = self.direction_changed(at, out) {
-                    why.put(at, out);
-                }
-            }
-            Reg::ERROR => self.write_errors(at, self.bank.word(reg), out),
-            Reg::SUPPLY => self.set_supply(at, self.bank.word(reg), out),
-            Reg::FLAG_SAVE_INI => match self.take_unlock_key(reg) {
-                key::SAVE => self.save_settings(at, out),
-                _ => Why::NoKey.put(at, out),
-            },
-            Reg::FLAG_SAVE_USER_PROGRAM => match self.take_unlock_key(reg) {
-                key::SAVE_PROGRAM => self.program.save(at, out),
-                key::LOAD_PROGRAM => self.load_program(at, out),
-                _ => Why::NoKey.put(at, out),
-            },
-            Reg::FLAG_RESTART => match self.take_unlock_key(reg) {
-                key::RESTART => self.restart_due = at,
-                _ => Why::NoKey.put(at, out),
-            },
-            Reg::WRITE_CMD => {
-                self.program.write_line(self.bank.word(reg), self.bank.get(Reg::CMD_W) as u32);
-            }
-            Reg::READ_CMD => {
-                let line = self.program.read_line(self.bank.word(reg));
-                self.bank.set(Reg::CMD_R, line.into());
-            }
-            _ => {
-                match reg.system().and_then(|n| self.program.vm.registers.get_mut(n)) {
-                    Some(register) => *register = self.bank.word(reg),
-                    None => self.put_postponed(at, reg, out),
-                }
-                return false;
-            }
+            _ => self.servo.report(at, input),
         }
-        true
     }
 
-    /// Reports the reason if a register that the drive reads only when it needs it has no effect now.
-    fn put_postponed(&self, at: Instant, reg: Reg, out: &mut dyn Context) {
-        let turns = self.servo.direction() != 0;
-        let why = match reg {
-            Reg::SLAVE_ADDRESS_MODBUS
-            | Reg::TYPE_MODBUS
-            | Reg::BITRATE_MODBUS
-            | Reg::TIMEOUT_BROADCAST_MODBUS => Why::StartOfBus,
-            Reg::MODE_ROTATION
-            | Reg::POSITION_N
-            | Reg::OFFSET_COMPENSATION
-            | Reg::OFFSET_CONST
-            | Reg::TARGET_POSITION1
-            | Reg::TARGET_POSITION2
-            | Reg::TARGET_POSITION3
-            | Reg::TARGET_POSITION4
-                if turns =>
-            {
-                Why::NextStart
+    /// Handles a change of a contact or a Hall sensor.
+    fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
+        match pin {
+            IN1 | IN2 | HARD_STOP => {
+                let time = |reg| Duration::millis(self.bank.word(reg).into());
+                let times = [time(Reg::PRESSED_INPUTS_EXTERN), time(Reg::WAITED_INPUTS_EXTERN)];
+                self.inputs.contact(at, pin, !high, times);
+                if !self.startup.is_ready() {
+                    self.inputs.cancel_debounce();
+                } else if !self.inputs.is_closed(HARD_STOP) {
+                    self.raise(at, Error::EmergencyStop as u16, out);
+                }
             }
-            Reg::TARGET_POSITION => Why::CopiedPosition,
-            Reg::CMD_R => Why::ShownLine,
-            _ => return,
-        };
-        why.put(at, out);
-    }
-
-    /// Value of a key register. Resets the register to 0 (RS434-2).
-    fn take_unlock_key(&mut self, reg: Reg) -> i64 {
-        let key = self.bank.get(reg);
-        self.bank.set(reg, 0);
-        key
-    }
-
-    /// Called when a value was outside the range of its row.
-    pub(super) fn on_out_of_range(&mut self) {
-        self.errors.warn(error::OUT_OF_RANGE);
+            CLR_FLASH if self.startup.clr_flash(at, !high) => self.continue_start(at, out),
+            HA | HB => {
+                self.inputs.hall(pin == HA, high);
+                self.servo.edge(at, pin == HA, high);
+            }
+            _ => {}
+        }
     }
 
     /// Called when a character had a parity error or another error (RS434-5).
     pub(super) fn rx_error(&mut self) {
-        self.errors.warn(error::PARITY);
+        self.errors.warn(Error::Parity);
     }
 
-    /// Switches the power off. Only presets follow until the next power-on.
-    pub(super) fn power_off(&mut self) {
-        self.state = State::Off;
-    }
-
-    pub(super) fn poke(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        value: i64,
-        out: &mut dyn Context,
-    ) -> Result<(), PresetError> {
-        let row = self.model.entries().list.get(reg.row()).ok_or(PresetError::NoSuchRegister)?;
-        if !row.accepts(value) {
-            return Err(PresetError::OutOfRange);
+    /// Sets bits of ERROR. Stops the motor if a newly set bit requires it.
+    fn raise(&mut self, at: Instant, errors: u16, out: &mut dyn Context) {
+        if self.errors.raise(errors) {
+            self.motion.halt(at, &mut self.servo, out);
         }
-        if self.state == State::Off {
-            return if row.saved == 0 {
-                Err(PresetError::ReadOnly)
-            } else {
-                self.preset(at, reg, value, out)
+    }
+
+    /// Sets the bits of the present errors. Called at the end of the start, and after any change of a cause.
+    fn check_errors(&mut self, at: Instant, out: &mut dyn Context) {
+        if !self.startup.is_ready() {
+            return;
+        }
+        let mut errors = self.errors.caused(self.bank.word(Reg::REF_CURRENT), self.model.short_ma());
+        if !self.inputs.is_closed(HARD_STOP) {
+            errors |= Error::EmergencyStop as u16;
+        }
+        self.raise(at, errors | self.thermal.errors(at), out);
+    }
+
+    /// MODE_EXT_IN if the inputs control the motor; 0 if the bus does.
+    fn input_mode(&self) -> u16 {
+        if self.bank.word(Reg::MODE_DEVICE) == 2 { self.bank.word(Reg::MODE_EXT_IN) } else { 0 }
+    }
+
+    /// Executes the present levels of the contacts. Called when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN
+    /// is written (RS434-22).
+    fn obey_levels(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.startup.is_ready() {
+            self.obey(at, self.inputs.levels(self.input_mode()), out);
+        }
+    }
+
+    fn obey(&mut self, at: Instant, Orders { direction, run }: Orders, out: &mut dyn Context) {
+        if let Some(direction) = direction {
+            let forward = match direction {
+                Direction::Forward => true,
+                Direction::Backward => false,
+                Direction::Reversed => !motion::is_forward(&self.bank),
             };
+            self.bank.set(Reg::DIRECTION, if forward { 1 } else { 2 });
+            let _ = self.direction_changed(at, out);
         }
-        if !row.access.writes() {
-            return self.inject(at, reg, value as u16, out);
+        match run {
+            Some(Run::Start(heading)) => {
+                if self.motion.is_against(heading) {
+                    self.motion.stop(&mut self.servo);
+                }
+                let _ = self.start(at, heading, out);
+            }
+            Some(Run::Toggle) if self.servo.direction() == 0 => {
+                let _ = self.start(at, Heading::Registers, out);
+            }
+            Some(Run::Stop | Run::Toggle) => self.motion.stop(&mut self.servo),
+            None => {}
         }
-        self.validate(reg, value).map_err(|_| PresetError::Busy)?;
-        self.bank.set(reg, value);
-        self.written(at, reg, out);
+    }
+
+    /// Starts the motor as MODE_ROTATION selects, unless an error forbids it or a move is in progress.
+    ///
+    /// # Errors
+    /// The reason why nothing starts.
+    fn start(&mut self, at: Instant, heading: Heading, out: &mut dyn Context) -> Result<(), Why> {
+        if !self.startup.is_ready() {
+            return Ok(());
+        }
+        if self.errors.stop() {
+            return Err(Why::HasError);
+        }
+        let done = self.motion.start(at, heading, &mut self.servo, &mut self.bank, out);
+        if done == Err(Why::TooFewHalls) {
+            self.errors.warn(Error::TooFewHalls);
+        }
+        done
+    }
+
+    /// Applies a new DIRECTION to continuous rotation at once.
+    ///
+    /// # Errors
+    /// DIRECTION has no effect now, because each input has a direction of its own.
+    fn direction_changed(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
+        if self.input_mode() == 5 {
+            return Err(Why::DirectionOfInputs);
+        }
+        self.motion.direction_changed(at, motion::is_forward(&self.bank), &mut self.servo, out);
         Ok(())
     }
 
-    /// Makes a register show an injected value instead of a measured one.
-    fn inject(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        value: u16,
-        out: &mut dyn Context,
-    ) -> Result<(), PresetError> {
-        match reg {
-            Reg::CURRENT_VALID => self.errors.inject_ma(value),
-            Reg::TEMPERATURE_MCU => self.thermal.inject(Part::Mcu, value),
-            Reg::TEMPERATURE_MOSFET => self.thermal.inject(Part::Power, value),
-            Reg::TEMPERATURE_BRAKE => self.thermal.inject(Part::Brake, value),
-            _ if VERSIONS.contains(&reg) => self.bank.set(reg, value.into()),
-            _ => return Err(PresetError::ReadOnly),
+    /// Passes the settings to the servo. Returns true if they have changed.
+    fn set_servo(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+        let settings = self.servo_settings();
+        let changed = self.servo.set(at, settings, out);
+        self.other_motor |= changed;
+        changed
+    }
+
+    fn servo_settings(&self) -> Settings {
+        Settings::of(&self.bank, self.errors.halves_limit())
+    }
+
+    /// Starts to save the settings. A save in progress starts again.
+    fn save_settings(&mut self, at: Instant, out: &mut dyn Context) {
+        self.store_offset();
+        self.save.begin(saved::save(self.model.entries(), &self.bank, at, out));
+    }
+
+    /// Stores the present value of OFFSET in the bank.
+    fn store_offset(&mut self) {
+        self.bank.set(Reg::OFFSET, self.motion.offset(&self.servo, &self.bank));
+    }
+
+    /// Time of the next line of the program.
+    pub(super) fn line_due(&self) -> Instant {
+        self.program.line_due()
+    }
+
+    /// Number of the line that is executed next, if lines are executed.
+    pub(super) fn program_line(&self) -> Option<u16> {
+        self.program.next_line()
+    }
+
+    /// Starts the program, unless it already runs. Saves a copy of the registers, which the program's end may
+    /// restore.
+    ///
+    /// # Errors
+    /// The reason why no line of a saved program will be executed.
+    fn start_program(&mut self, at: Instant, status: Status, out: &mut dyn Context) -> Result<(), Why> {
+        if !self.startup.is_ready() {
+            return Ok(());
         }
-        self.check_errors(at, out);
-        Ok(())
+        if self.program.status() == Status::Running {
+            return Err(Why::ProgramRuns);
+        }
+        self.store_offset();
+        self.snapshot = self.bank.clone();
+        self.errors.clear(!(Error::Program as u16));
+        self.program.start(at, status);
+        if self.program.status() == Status::Failed {
+            self.program_failed(at, out);
+            return Err(Why::BadProgram);
+        }
+        if self.program.is_new() { Err(Why::NoProgram) } else { Ok(()) }
     }
 
-    /// Updates the state of the motion from the servo, then the lights.
-    pub(super) fn update_outputs(&mut self, at: Instant, out: &mut dyn Context) {
-        self.update_motion(at, out);
-        self.update_lights(at, out);
+    /// Handles CMD_FULL_STOP_PROGRAM: restores the registers from before the start, and stops the motor
+    /// (RS434-27).
+    fn program_fully_ended(&mut self, at: Instant, out: &mut dyn Context) {
+        let mode = self.bank.word(Reg::MODE_USER_PROGRAM);
+        let offset = |reg: Reg| Reg::ENTRIES.offset(reg.row());
+        // 5004h to 5022h, which are contiguous in the bank.
+        let (first, end) = (offset(Reg::MODE_DEVICE), offset(Reg::ERROR));
+        let words = self.bank.words_mut().iter_mut().zip(self.snapshot.words());
+        for (word, before) in words.take(end).skip(first) {
+            *word = *before;
+        }
+        self.bank.set(Reg::MODE_USER_PROGRAM, mode.into());
+        self.set_servo(at, out);
+        self.motion.brake(&mut self.servo);
     }
-}
 
-/// Increment of the state of the random numbers: splitmix64 (Steele, Lea, Flood: *Fast Splittable
-/// Pseudorandom Number Generators*).
-const RANDOM_STEP: u64 = 0x9E37_79B9_7F4A_7C15;
-
-/// A pseudo-random number computed from `n`.
-fn hash(n: u64) -> u64 {
-    let n = (n ^ n >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let n = (n ^ n >> 27).wrapping_mul(0x94D0_49BB_1331_11EB);
-    n ^ n >> 31
+    /// Handles a program line that cannot be executed, or a missing one (RS434-33).
+    fn program_failed(&mut self, at: Instant, out: &mut dyn Context) {
+        self.raise(at, Error::Program as u16, out);
+        self.motion.stop(&mut self.servo);
+    }
 }

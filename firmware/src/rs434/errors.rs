@@ -2,55 +2,54 @@
 
 use core::ops::RangeInclusive;
 
-use super::drive::{Drive, State};
-use super::reasons::Why;
-use super::registers::{Reg, SUPPLY};
-use super::thermal::Part;
-use crate::device::{Context, Fault, Instant};
+use super::registers::SUPPLY;
+use crate::device::Fault;
 
 /// The bits of ERROR.
-pub(super) mod error {
-    pub(in crate::rs434) const SUPPLY_VOLTAGE: u16 = 1 << 0;
-    pub(in crate::rs434) const SHORT_CIRCUIT: u16 = 1 << 1;
-    pub(in crate::rs434) const BRAKE_OVERHEAT: u16 = 1 << 2;
-    pub(in crate::rs434) const POWER_OVERHEAT: u16 = 1 << 3;
-    pub(in crate::rs434) const HALL: u16 = 1 << 4;
-    pub(in crate::rs434) const EMERGENCY_STOP: u16 = 1 << 5;
-    pub(in crate::rs434) const MCU_OVERHEAT: u16 = 1 << 6;
-    pub(in crate::rs434) const PROGRAM_TEST: u16 = 1 << 7;
-    pub(in crate::rs434) const PROGRAM: u16 = 1 << 8;
-    pub(in crate::rs434) const SETTINGS: u16 = 1 << 9;
-    pub(in crate::rs434) const SWITCHES: u16 = 1 << 10;
-    pub(in crate::rs434) const CURRENT_LIMIT: u16 = 1 << 11;
-    pub(in crate::rs434) const BRAKING: u16 = 1 << 12;
-    pub(in crate::rs434) const OUT_OF_RANGE: u16 = 1 << 13;
-    pub(in crate::rs434) const PARITY: u16 = 1 << 14;
-    pub(in crate::rs434) const TOO_FEW_HALLS: u16 = 1 << 15;
-
-    /// Errors that stop the motor.
-    pub(in crate::rs434) const STOPS: u16 = SUPPLY_VOLTAGE
-        | SHORT_CIRCUIT
-        | BRAKE_OVERHEAT
-        | POWER_OVERHEAT
-        | HALL
-        | EMERGENCY_STOP
-        | MCU_OVERHEAT
-        | SWITCHES;
-    /// Errors that stay until a restart. All others are warnings, and a write can clear them (RS434-23).
-    pub(in crate::rs434) const STAYS: u16 = STOPS | PROGRAM_TEST | SETTINGS;
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u16)]
+pub(super) enum Error {
+    SupplyVoltage = 1 << 0,
+    ShortCircuit = 1 << 1,
+    BrakeOverheat = 1 << 2,
+    PowerOverheat = 1 << 3,
+    Hall = 1 << 4,
+    EmergencyStop = 1 << 5,
+    McuOverheat = 1 << 6,
+    ProgramTest = 1 << 7,
+    Program = 1 << 8,
+    Settings = 1 << 9,
+    Switches = 1 << 10,
+    CurrentLimit = 1 << 11,
+    Braking = 1 << 12,
+    OutOfRange = 1 << 13,
+    Parity = 1 << 14,
+    TooFewHalls = 1 << 15,
 }
 
-/// The bit that each fault of the drive sets, in the order of [`Spec::faults`](crate::device::Spec::faults)
+/// Bits of errors that stop the motor.
+const STOPS: u16 = Error::SupplyVoltage as u16
+    | Error::ShortCircuit as u16
+    | Error::BrakeOverheat as u16
+    | Error::PowerOverheat as u16
+    | Error::Hall as u16
+    | Error::EmergencyStop as u16
+    | Error::McuOverheat as u16
+    | Error::Switches as u16;
+/// Bits of errors that stay until a restart. All others are warnings, and a write can clear them (RS434-23).
+const STAYS: u16 = STOPS | Error::ProgramTest as u16 | Error::Settings as u16;
+
+/// The error that each fault of the drive causes, in the order of [`Spec::faults`](crate::device::Spec::faults)
 /// (RS434-24).
-const CAUSES: [u16; 8] = [
-    error::SUPPLY_VOLTAGE,
-    error::SHORT_CIRCUIT,
-    error::BRAKE_OVERHEAT,
-    error::POWER_OVERHEAT,
-    error::HALL,
-    error::MCU_OVERHEAT,
-    error::SWITCHES,
-    error::CURRENT_LIMIT,
+const CAUSES: [Error; 8] = [
+    Error::SupplyVoltage,
+    Error::ShortCircuit,
+    Error::BrakeOverheat,
+    Error::PowerOverheat,
+    Error::Hall,
+    Error::McuOverheat,
+    Error::Switches,
+    Error::CurrentLimit,
 ];
 
 /// Range of the supply voltage in which the drive works, in 0.1 V (section 3, power supply protection).
@@ -72,6 +71,11 @@ pub(super) struct Errors {
 impl Errors {
     pub(super) const NONE: Self = Self { bits: 0, causes: 0, injected_ma: None, supply: SUPPLY };
 
+    /// Clears all bits at power-on or at a restart. Injected values remain.
+    pub(super) fn restart(&mut self) {
+        self.bits = 0;
+    }
+
     /// Value of ERROR for a read.
     pub(super) fn bits(self) -> u16 {
         self.bits
@@ -79,12 +83,42 @@ impl Errors {
 
     /// Returns true if an error forbids motion.
     pub(super) fn stop(self) -> bool {
-        self.bits & error::STOPS != 0
+        self.bits & STOPS != 0
     }
 
-    /// Returns true if the cause of `bit` is injected.
-    pub(super) fn has_cause(self, bit: u16) -> bool {
-        self.causes & bit != 0
+    /// Sets bits. Returns true if one of them is new and stops the motor.
+    pub(super) fn raise(&mut self, bits: u16) -> bool {
+        let new = bits & !self.bits;
+        self.bits |= new;
+        new & STOPS != 0
+    }
+
+    /// Sets the bit of a warning, which does not stop the motor.
+    pub(super) fn warn(&mut self, warning: Error) {
+        self.bits |= warning as u16;
+    }
+
+    /// Clears the warnings that are 0 in a written `word`. Returns their bits, and true if an error that is 0 in `word`
+    /// stays.
+    pub(super) fn clear(&mut self, word: u16) -> (u16, bool) {
+        let unwanted = self.bits & !word;
+        let cleared = unwanted & !STAYS;
+        self.bits &= !cleared;
+        (cleared, unwanted & STAYS != 0)
+    }
+
+    /// Sets or clears the cause of a fault of the drive.
+    pub(super) fn set_fault(&mut self, fault: Fault, on: bool) {
+        if let Some(&error) = CAUSES.get(usize::from(fault.0)) {
+            let bit = error as u16;
+            self.causes = if on { self.causes | bit } else { self.causes & !bit };
+        }
+    }
+
+    /// Returns true if the cause of [`Error::CurrentLimit`] is injected. It halves the limit, so that this fault has an
+    /// effect though it does not stop the motor.
+    pub(super) fn halves_limit(self) -> bool {
+        self.causes & Error::CurrentLimit as u16 != 0
     }
 
     /// Injected value of CURRENT_VALID, in mA.
@@ -102,85 +136,25 @@ impl Errors {
         self.supply
     }
 
-    /// Sets bits of warnings, which do not stop the motor.
-    pub(super) fn warn(&mut self, bits: u16) {
-        self.bits |= bits;
+    pub(super) fn set_supply(&mut self, supply: u16) {
+        self.supply = supply;
     }
 
-    /// Clears bits.
-    pub(super) fn clear(&mut self, bits: u16) {
-        self.bits &= !bits;
-    }
-}
-
-impl Drive {
-    /// Sets bits of ERROR. Stops the motor if a newly set bit requires it.
-    pub(super) fn raise(&mut self, at: Instant, errors: u16, out: &mut dyn Context) {
-        let new = errors & !self.errors.bits;
-        self.errors.bits |= new;
-        if new & error::STOPS != 0 {
-            self.halt(at, out);
+    /// Bits of the errors that injected values and the supply cause now. A current above `limit_ma` is beyond the limit,
+    /// a current of `short_ma` is a short circuit.
+    pub(super) fn caused(self, limit_ma: u16, short_ma: u32) -> u16 {
+        let mut bits = self.causes;
+        if !GOOD_SUPPLY.contains(&self.supply) {
+            bits |= Error::SupplyVoltage as u16;
         }
-    }
-
-    /// Handles a write of ERROR: clears the warnings that are 0 in `word`. A warning whose cause remains is
-    /// set again.
-    pub(super) fn write_errors(&mut self, at: Instant, word: u16, out: &mut dyn Context) {
-        let unwanted = self.errors.bits & !word;
-        self.errors.clear(unwanted & !error::STAYS);
-        if unwanted & error::STAYS != 0 {
-            Why::ErrorStays.put(at, out);
-        }
-        self.check_errors(at, out);
-        if unwanted & !error::STAYS & self.errors.bits != 0 {
-            Why::CauseRemains.put(at, out);
-        }
-    }
-
-    /// Sets or clears the cause of a fault.
-    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
-        let Some(&bit) = CAUSES.get(usize::from(fault.0)) else { return };
-        let causes = &mut self.errors.causes;
-        *causes = if on { *causes | bit } else { *causes & !bit };
-        self.set_servo(at, out);
-        self.check_errors(at, out);
-    }
-
-    /// Sets the measured supply voltage, in 0.1 V.
-    pub(super) fn set_supply(&mut self, at: Instant, supply: u16, out: &mut dyn Context) {
-        self.errors.supply = supply;
-        self.check_errors(at, out);
-    }
-
-    /// Sets the bits of the present errors. Called at the end of the start, and after any change of a cause.
-    pub(super) fn check_errors(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.state != State::Ready {
-            return;
-        }
-        let mut errors = self.errors.causes;
-        if !GOOD_SUPPLY.contains(&self.errors.supply) {
-            errors |= error::SUPPLY_VOLTAGE;
-        }
-        if !self.inputs.hard_stop {
-            errors |= error::EMERGENCY_STOP;
-        }
-        for (part, bit) in [
-            (Part::Mcu, error::MCU_OVERHEAT),
-            (Part::Power, error::POWER_OVERHEAT),
-            (Part::Brake, error::BRAKE_OVERHEAT),
-        ] {
-            if self.thermal.is_too_hot(at, part) {
-                errors |= bit;
+        if let Some(ma) = self.injected_ma {
+            if ma > limit_ma {
+                bits |= Error::CurrentLimit as u16;
+            }
+            if u32::from(ma) >= short_ma {
+                bits |= Error::ShortCircuit as u16;
             }
         }
-        if let Some(ma) = self.errors.injected_ma {
-            if ma > self.bank.word(Reg::REF_CURRENT) {
-                errors |= error::CURRENT_LIMIT;
-            }
-            if u32::from(ma) >= self.model.short_ma() {
-                errors |= error::SHORT_CIRCUIT;
-            }
-        }
-        self.raise(at, errors, out);
+        bits
     }
 }

@@ -1,18 +1,15 @@
 //! The contacts IN1, IN2 and HARD_STOP, and their functions in the five modes of MODE_EXT_IN (6.1, 6.5).
 
-use super::drive::{Drive, State};
-use super::errors::error;
 use super::motion::Heading;
-use super::registers::Reg;
-use super::{CLR_FLASH, HA, HARD_STOP, HB, IN1, IN2};
+use super::{IN1, IN2};
 use crate::debounce::Debounce;
-use crate::device::{Context, Duration, Instant, Pin};
+use crate::device::{Duration, Instant, Pin};
 
 /// A contact, which is debounced (6.1, Fig. 5).
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Contact {
+struct Contact {
     /// Present state: true while the contact is closed.
-    pub(super) closed: bool,
+    closed: bool,
     /// Debounced state. It becomes true after the contact was closed for long enough, and false after it was
     /// open for long enough.
     debounced: Debounce,
@@ -27,7 +24,7 @@ impl Contact {
     }
 
     /// Handles a change. A closed contact must stay closed for `pressed`, an open one open for `waited`.
-    fn change(&mut self, at: Instant, closed: bool, pressed: Duration, waited: Duration) {
+    fn change(&mut self, at: Instant, closed: bool, [pressed, waited]: [Duration; 2]) {
         if closed != self.closed {
             self.closed = closed;
             self.debounced.note(at, closed, if closed { pressed } else { waited });
@@ -40,15 +37,38 @@ impl Contact {
     }
 }
 
-/// Present states of the drive's contacts.
+/// Orders of the contacts. The direction comes first.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Orders {
+    pub(super) direction: Option<Direction>,
+    pub(super) run: Option<Run>,
+}
+
+/// New value of DIRECTION.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Direction {
+    Forward,
+    Backward,
+    /// The other direction.
+    Reversed,
+}
+
+/// Start or stop.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Run {
+    Stop,
+    Start(Heading),
+    /// Starts a motor at standstill, stops one that moves.
+    Toggle,
+}
+
+/// Present states of the drive's contacts and of its Hall sensors.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Inputs {
-    pub(super) in1: Contact,
-    pub(super) in2: Contact,
+    in1: Contact,
+    in2: Contact,
     /// True while the emergency stop is closed: the motor may move.
-    pub(super) hard_stop: bool,
-    /// True while CLR_FLASH is closed.
-    pub(super) clr_flash: bool,
+    hard_stop: bool,
     /// True for each of the Hall sensors A and B that is high; `None` before its first event.
     halls: [Option<bool>; 2],
 }
@@ -56,151 +76,99 @@ pub(super) struct Inputs {
 impl Inputs {
     /// States of inputs without any wire.
     pub(super) const OPEN: Self =
-        Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, clr_flash: false, halls: [None; 2] };
+        Self { in1: Contact::OPEN, in2: Contact::OPEN, hard_stop: true, halls: [None; 2] };
 
-    /// Stops waiting for contacts, because the drive starts.
+    /// Handles a change of IN1, IN2 or HARD_STOP. A closed contact must stay closed for the first of `times`, an open one
+    /// open for the second.
+    pub(super) fn contact(&mut self, at: Instant, pin: Pin, closed: bool, times: [Duration; 2]) {
+        match pin {
+            IN1 => self.in1.change(at, closed, times),
+            IN2 => self.in2.change(at, closed, times),
+            _ => self.hard_stop = closed,
+        }
+    }
+
+    /// Handles a change of Hall sensor A (`a`) or B.
+    pub(super) fn hall(&mut self, a: bool, high: bool) {
+        let [of_a, of_b] = &mut self.halls;
+        *if a { of_a } else { of_b } = Some(high);
+    }
+
+    /// Levels of the Hall sensors, as far as known; true stands before that of sensor A.
+    pub(super) fn halls(&self) -> impl Iterator<Item = (bool, bool)> + use<> {
+        let [a, b] = self.halls;
+        [(true, a), (false, b)].into_iter().filter_map(|(is_a, high)| Some((is_a, high?)))
+    }
+
+    /// Present state of a contact, not debounced.
+    pub(super) fn is_closed(&self, pin: Pin) -> bool {
+        match pin {
+            IN1 => self.in1.closed,
+            IN2 => self.in2.closed,
+            _ => self.hard_stop,
+        }
+    }
+
+    /// Stops waiting for contacts. A drive that becomes ready uses the states at that time.
     pub(super) fn cancel_debounce(&mut self) {
         self.in1.debounced.cancel();
         self.in2.debounced.cancel();
     }
 
-    pub(super) fn due(&self) -> Instant {
+    /// Makes the present states of the contacts the debounced ones.
+    pub(super) fn accept(&mut self) {
+        self.in1.accept();
+        self.in2.accept();
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
         self.in1.debounced.due().min(self.in2.debounced.due())
     }
-}
 
-impl Drive {
-    /// Handles a change of a contact or a Hall sensor.
-    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
-        let closed = !high;
-        match pin {
-            IN1 | IN2 => self.contact_changed(at, pin, closed),
-            HARD_STOP => {
-                self.inputs.hard_stop = closed;
-                if !closed && self.state == State::Ready {
-                    self.raise(at, error::EMERGENCY_STOP, out);
-                }
-            }
-            CLR_FLASH => {
-                self.inputs.clr_flash = closed;
-                self.clr_flash_changed(at, out);
-            }
-            HA | HB => {
-                let [a, b] = &mut self.inputs.halls;
-                *if pin == HA { a } else { b } = Some(high);
-                self.servo.edge(at, pin == HA, high);
-            }
-            _ => {}
+    /// Orders of the contacts whose state has lasted long enough. `mode` is MODE_EXT_IN, or 0 if the bus controls the
+    /// motor.
+    pub(super) fn timeout(&mut self, at: Instant, mode: u16) -> Option<Orders> {
+        let (first, second) = (self.in1.debounced.timeout(at), self.in2.debounced.timeout(at));
+        if !first && !second {
+            return None;
         }
-    }
-
-    /// Passes the present levels of the Hall sensors to the servo, because no event reports them after a
-    /// restart.
-    pub(super) fn update_halls(&mut self, at: Instant) {
-        let [a, b] = self.inputs.halls;
-        for (is_a, high) in [(true, a), (false, b)] {
-            if let Some(high) = high {
-                self.servo.edge(at, is_a, high);
-            }
-        }
-    }
-
-    fn contact_changed(&mut self, at: Instant, pin: Pin, closed: bool) {
-        let time = |reg| Duration::millis(self.bank.word(reg).into());
-        let (pressed, waited) = (time(Reg::PRESSED_INPUTS_EXTERN), time(Reg::WAITED_INPUTS_EXTERN));
-        let contact = if pin == IN1 { &mut self.inputs.in1 } else { &mut self.inputs.in2 };
-        contact.change(at, closed, pressed, waited);
-        if self.state != State::Ready {
-            // A drive that becomes ready uses the states at that time.
-            contact.debounced.cancel();
-        }
-    }
-
-    /// Called when the drive is ready. Uses the present states of the contacts, and executes levels.
-    pub(super) fn apply_inputs(&mut self, at: Instant, out: &mut dyn Context) {
-        self.inputs.in1.accept();
-        self.inputs.in2.accept();
-        self.levels_act(at, out);
-    }
-
-    /// Handles contacts whose state has lasted long enough.
-    pub(super) fn inputs_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        let Inputs { in1, in2, .. } = &mut self.inputs;
-        let (first, second) = (in1.debounced.timeout(at), in2.debounced.timeout(at));
-        if (!first && !second) || !self.is_by_inputs() {
-            return;
-        }
+        let levels = self.levels(mode);
         // A pulse ends when its contact opens (RS434-21).
-        let pulse_1 = first && !self.inputs.in1.is_on();
-        let pulse_2 = second && !self.inputs.in2.is_on();
-        match self.bank.word(Reg::MODE_EXT_IN) {
-            1 | 3 if pulse_2 => {
-                let reversed = if self.is_forward() { 2 } else { 1 };
-                self.set_direction(at, reversed, out);
-            }
-            2 | 4 if second => self.direction_by_level(at, out),
-            _ => {}
+        let pulse_1 = first && !self.in1.is_on();
+        let pulse_2 = second && !self.in2.is_on();
+        Some(Orders {
+            direction: match mode {
+                1 | 3 => pulse_2.then_some(Direction::Reversed),
+                _ => levels.direction.filter(|_| second),
+            },
+            run: match mode {
+                1 | 2 => pulse_1.then_some(Run::Toggle),
+                3 | 4 => levels.run.filter(|_| first),
+                _ => levels.run,
+            },
+        })
+    }
+
+    /// Orders of the present levels (RS434-22), with `mode` as for [`timeout`](Self::timeout).
+    pub(super) fn levels(&self, mode: u16) -> Orders {
+        let (first, second) = (self.in1.is_on(), self.in2.is_on());
+        Orders {
+            // Closed means backward.
+            direction: matches!(mode, 2 | 4).then_some(if second {
+                Direction::Backward
+            } else {
+                Direction::Forward
+            }),
+            run: match mode {
+                3 | 4 => Some(if first { Run::Start(Heading::Registers) } else { Run::Stop }),
+                // With both closed the motor stops. For a move to a position either input will do.
+                5 => Some(match (first, second) {
+                    (true, false) => Run::Start(Heading::Forward),
+                    (false, true) => Run::Start(Heading::Backward),
+                    _ => Run::Stop,
+                }),
+                _ => None,
+            },
         }
-        match self.bank.word(Reg::MODE_EXT_IN) {
-            1 | 2 if pulse_1 => {
-                if self.servo.direction() == 0 {
-                    let _ = self.start(at, Heading::Registers, out);
-                } else {
-                    self.stop();
-                }
-            }
-            3 | 4 if first => self.run_by_level(at, out),
-            5 => self.run_by_both(at, out),
-            _ => {}
-        }
-    }
-
-    /// Executes the present levels. Called when the drive is ready, and when MODE_DEVICE or MODE_EXT_IN is
-    /// written (RS434-22).
-    pub(super) fn levels_act(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.state != State::Ready || !self.is_by_inputs() {
-            return;
-        }
-        match self.bank.word(Reg::MODE_EXT_IN) {
-            2 => self.direction_by_level(at, out),
-            3 => self.run_by_level(at, out),
-            4 => {
-                self.direction_by_level(at, out);
-                self.run_by_level(at, out);
-            }
-            5 => self.run_by_both(at, out),
-            _ => {}
-        }
-    }
-
-    /// Returns true if the inputs control the motor, and not the bus.
-    pub(super) fn is_by_inputs(&self) -> bool {
-        self.bank.word(Reg::MODE_DEVICE) == 2
-    }
-
-    /// Returns true if each input has a direction of its own: mode 5.
-    pub(super) fn is_by_both(&self) -> bool {
-        self.is_by_inputs() && self.bank.word(Reg::MODE_EXT_IN) == 5
-    }
-
-    /// IN2 selects the direction: closed means backward.
-    fn direction_by_level(&mut self, at: Instant, out: &mut dyn Context) {
-        self.set_direction(at, if self.inputs.in2.is_on() { 2 } else { 1 }, out);
-    }
-
-    /// The motor runs while IN1 is closed.
-    fn run_by_level(&mut self, at: Instant, out: &mut dyn Context) {
-        self.run(at, self.inputs.in1.is_on().then_some(Heading::Registers), out);
-    }
-
-    /// IN1 makes the motor run forward, IN2 backward. With both closed the motor stops. For a move to a
-    /// position either input will do.
-    fn run_by_both(&mut self, at: Instant, out: &mut dyn Context) {
-        let heading = match (self.inputs.in1.is_on(), self.inputs.in2.is_on()) {
-            (true, false) => Some(Heading::Forward),
-            (false, true) => Some(Heading::Backward),
-            _ => None,
-        };
-        self.run(at, heading, out);
     }
 }

@@ -3,7 +3,6 @@
 //!
 //! Follows the *User Manual* of RS Stock No. 434544 and 434546. Numbers like 6.5 are sections of this manual.
 
-mod commands;
 mod drive;
 mod errors;
 mod fields;
@@ -23,16 +22,16 @@ use drivetwin_protocol::modbus::pdu::{
     Exception, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS, READ_INPUT_REGISTERS,
     WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL, WRITE_SINGLE_REGISTER,
 };
-use drivetwin_protocol::modbus::server::{RequestHandler, Rules};
+use drivetwin_protocol::modbus::server::Rules;
 use drivetwin_protocol::modbus::{Frame, RtuOrAscii};
-use drivetwin_protocol::registers::{Entries, Register, Table};
+use drivetwin_protocol::registers::{Register, Table};
 
-use self::drive::Drive;
+use self::drive::{Bus, Drive, run_program};
 use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
-    AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,
-    PortSpec, PresetError, REPORTS_REASONS, Role, Spec, reported,
+    AxisSpec, Boot, Context, Device, Duration, Fault, Framing, Input, Instant, Level, Line, Pin, PinSpec,
+    Port, PortSpec, PresetError, REPORTS_REASONS, Role, Spec, reported,
 };
 use crate::memory;
 use crate::modbus_port::{ModbusPort, is_reception};
@@ -153,6 +152,8 @@ static RULES: Rules = Rules {
 /// Bus settings from the registers at the start of the drive (6.4).
 #[derive(Clone, Copy, Debug)]
 struct BusSettings {
+    /// TYPE_MODBUS and BITRATE_MODBUS.
+    line: Line,
     /// SLAVE_ADDRESS_MODBUS.
     unit: u8,
     /// Delay of every reply: TIMEOUT_BROADCAST_MODBUS.
@@ -204,12 +205,13 @@ impl Rs434 {
     /// Called after every event, except a program line that only calculates. Updates the outputs, the start
     /// of reception, and the deadlines.
     fn after_event(&mut self, at: Instant, out: &mut dyn Context) {
-        self.drive.update_outputs(at, out);
+        self.drive.settle(at, out);
         if self.manners.is_none()
             && let Some(from) = self.drive.receives_from()
         {
-            self.serial.start(at, self.drive.line(), from, out);
-            self.manners = Some(BusSettings { unit: self.drive.unit(), delay: self.drive.reply_delay() });
+            let manners = self.drive.bus_settings();
+            self.serial.start(at, manners.line, from, out);
+            self.manners = Some(manners);
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
     }
@@ -221,8 +223,7 @@ impl Rs434 {
         if self.serial.is_over(at) {
             self.serve(at, out);
         }
-        if self.drive.restart_due <= at {
-            self.drive.restart(at, out);
+        if self.drive.restart(at, out) {
             self.start(at, out);
         } else {
             self.after_event(at, out);
@@ -233,7 +234,7 @@ impl Rs434 {
     fn serve(&mut self, at: Instant, out: &mut dyn Context) {
         let Self { serial, manners: Some(manners), drive, .. } = self else { return };
         let mut reply = Frame::new();
-        let mut bus = Bus { drive, at, out, has_applied_coils: false };
+        let mut bus = Bus::new(drive, at, out);
         let Some(outcome) = serial.serve(manners.unit, &RULES, &mut bus, &mut reply) else { return };
         let sent = serial.answer(at, manners.delay, outcome, &mut reply, out);
         if sent > 0 && drive.restart_after(at + manners.delay + serial.duration(sent)) {
@@ -257,7 +258,7 @@ impl MotorDrive for Rs434 {
 
 impl Device for Rs434 {
     fn spec(&self) -> &'static Spec {
-        match self.drive.model {
+        match self.drive.model() {
             Model::Rs434544 => &RS434544,
             Model::Rs434546 => &RS434546,
         }
@@ -289,12 +290,7 @@ impl Device for Rs434 {
                 }
             }
             Input::Idle { .. } => self.serve(at, out),
-            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
-            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
-            Input::MotorCurrent { ma, .. } => self.drive.draws(at, ma),
-            Input::Motor { parameters, .. } => self.drive.servo.motor(parameters),
-            Input::Rotation { rotation, .. } => self.drive.servo.turns(at, rotation),
-            _ => {}
+            _ => self.drive.input(at, &input, out),
         }
         self.after_event(at, out);
     }
@@ -304,7 +300,7 @@ impl Device for Rs434 {
     }
 
     fn deadline(&self) -> Instant {
-        self.due.min(self.drive.program.line_due())
+        self.due.min(self.drive.line_due())
     }
 
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
@@ -312,7 +308,7 @@ impl Device for Rs434 {
         if at >= self.due {
             self.more_is_due(at, out);
         }
-        if self.drive.run_program(at, out) {
+        if run_program(&mut self.drive, at, out) {
             self.after_event(at, out);
         }
     }
@@ -335,50 +331,6 @@ impl Device for Rs434 {
     }
 
     fn program_line(&self) -> Option<u16> {
-        self.drive.program.next_line()
-    }
-}
-
-/// The drive as the server uses it during a request.
-struct Bus<'a> {
-    drive: &'a mut Drive,
-    at: Instant,
-    out: &'a mut dyn Context,
-    /// True after the first coil of the request, which applies all of them.
-    has_applied_coils: bool,
-}
-
-impl RequestHandler for Bus<'_> {
-    type Register = Reg;
-
-    fn words(&self) -> &[u16] {
-        self.drive.bank.words()
-    }
-
-    fn words_mut(&mut self) -> &mut [u16] {
-        self.drive.bank.words_mut()
-    }
-
-    fn refresh(&mut self, register: Reg) {
-        self.drive.refresh(self.at, register);
-    }
-
-    fn written(&mut self, register: Reg) {
-        if register.is_control() && core::mem::replace(&mut self.has_applied_coils, true) {
-            return;
-        }
-        self.drive.written(self.at, register, self.out);
-    }
-
-    fn entries(&self) -> &'static Entries {
-        self.drive.model.entries()
-    }
-
-    fn validate(&self, register: Reg, value: i64) -> Result<(), Exception> {
-        self.drive.validate(register, value)
-    }
-
-    fn on_out_of_range(&mut self, _register: Reg, _value: i64) {
-        self.drive.on_out_of_range();
+        self.drive.program_line()
     }
 }

@@ -38,6 +38,13 @@ impl Why {
     pub(super) fn put(self, at: Instant, out: &mut dyn Context) {
         Reason(self as u8).put(at, out);
     }
+
+    /// Reports the reason if there is one.
+    pub(super) fn put_if(at: Instant, done: Result<(), Self>, out: &mut dyn Context) {
+        if let Err(why) = done {
+            why.put(at, out);
+        }
+    }
 }
 
 /// The reasons, in the order of [`Why`].

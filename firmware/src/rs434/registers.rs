@@ -1,9 +1,12 @@
 //! The registers of an RS 434544 or 434546, under the names of the manual's chapter 6.
 
 use drivetwin_protocol::line::{Line, Parity};
-use drivetwin_protocol::registers::{Entries, Entry, Register, Row, Space, Table, entries};
+use drivetwin_protocol::registers::{Bank, Entries, Entry, Register, Row, Space, Table, entries};
 
 use super::{LINES, fields};
+
+/// The storage of the registers.
+pub(super) type Words = Bank<Reg, { Reg::WORDS }>;
 
 /// The two models, which differ in a few registers and limits.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]

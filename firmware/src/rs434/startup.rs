@@ -1,8 +1,5 @@
 //! Start of the drive, reset to the factory values, and the two lights (sections 4 and 7).
 
-use super::drive::{Drive, State};
-use super::program::Status;
-use super::registers::Reg;
 use super::{GREEN, RED};
 use crate::device::{Context, Duration, Instant, Level, Output, Pin};
 
@@ -13,106 +10,160 @@ const RESET: Duration = Duration::secs(5);
 /// While CLR_FLASH is closed, the lights are on in turn, each for this time.
 const TURN: Duration = Duration::millis(250);
 
-/// State while CLR_FLASH is closed at the start.
+/// State of the drive, from power-on to ready.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Clearing {
-    /// Time at which the lights change.
-    pub(super) next: Instant,
-    /// Time of the reset to the factory values.
-    over: Instant,
-    red: bool,
+enum State {
+    /// No power.
+    Off,
+    /// Power is on, but other inputs of the same instant may still follow.
+    Waking {
+        /// The instant of power-on.
+        due: Instant,
+    },
+    /// CLR_FLASH is closed since the start.
+    Clearing {
+        /// Time at which the lights change.
+        next: Instant,
+        /// Time of the reset to the factory values.
+        over: Instant,
+        red: bool,
+    },
+    /// Starting. No message is received yet.
+    Booting {
+        /// End of the start.
+        due: Instant,
+    },
+    /// Normal operation, with or without an error.
+    Ready,
 }
 
-/// State of the two lights; true is on.
+/// A step of the start that concerns the whole drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Lights {
+pub(super) enum Step {
+    /// The settings become the factory values.
+    Reset,
+    /// The drive is ready.
+    Ready,
+}
+
+/// The start of the drive, and its lights.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Startup {
+    state: State,
+    /// True if there is no start-up delay.
+    fast: bool,
+    /// True while the contact CLR_FLASH is closed.
+    clr_flash: bool,
+    /// True while the red light is on.
     red: bool,
+    /// True while the green light is on.
     green: bool,
 }
 
-impl Lights {
-    pub(super) const DARK: Self = Self { red: false, green: false };
-}
+impl Startup {
+    /// No power.
+    pub(super) const OFF: Self =
+        Self { state: State::Off, fast: false, clr_flash: false, red: false, green: false };
 
-impl Drive {
-    /// Starts the drive, after the inputs of the instant of power-on were received.
-    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.state != (State::Waking { due: at }) {
-            return;
-        }
-        if self.inputs.clr_flash {
-            self.state = State::Clearing(Clearing { next: at + TURN, over: at + RESET, red: true });
-        } else {
-            self.boot(at, out);
+    /// Begins the start at power-on. The state of CLR_FLASH follows.
+    pub(super) fn power_on(&mut self, at: Instant, fast: bool) {
+        *self = Self { fast, ..Self::OFF };
+        self.restart(at);
+    }
+
+    /// Begins the start again.
+    pub(super) fn restart(&mut self, at: Instant) {
+        self.state = State::Waking { due: at };
+    }
+
+    pub(super) fn power_off(&mut self) {
+        self.state = State::Off;
+    }
+
+    pub(super) fn is_off(&self) -> bool {
+        self.state == State::Off
+    }
+
+    pub(super) fn is_ready(&self) -> bool {
+        self.state == State::Ready
+    }
+
+    /// Returns true in the instant of power-on, while other inputs may still follow.
+    pub(super) fn is_waking(&self) -> bool {
+        matches!(self.state, State::Waking { .. })
+    }
+
+    /// First instant at which characters are received; `None` while it is unknown.
+    pub(super) fn receives_from(&self) -> Option<Instant> {
+        match self.state {
+            State::Off | State::Waking { .. } | State::Clearing { .. } => None,
+            State::Booting { due } => Some(due + Duration::TICK),
+            State::Ready => Some(Instant::ZERO),
         }
     }
 
-    fn boot(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.fast {
-            self.ready(at, out);
-        } else {
-            self.state = State::Booting { due: at + BOOT };
+    /// Handles a change of CLR_FLASH. Returns true if it opens too early for a reset, so that the start continues.
+    pub(super) fn clr_flash(&mut self, at: Instant, closed: bool) -> bool {
+        self.clr_flash = closed;
+        let continues = matches!(self.state, State::Clearing { .. }) && !closed;
+        if continues {
+            self.boot(at);
         }
+        continues
     }
 
-    /// Handles a change of CLR_FLASH: if it opens too early, there is no reset.
-    pub(super) fn clr_flash_changed(&mut self, at: Instant, out: &mut dyn Context) {
-        if matches!(self.state, State::Clearing(_)) && !self.inputs.clr_flash {
-            self.boot(at, out);
-        }
+    fn boot(&mut self, at: Instant) {
+        self.state = State::Booting { due: if self.fast { at } else { at + BOOT } };
     }
 
-    /// Time of the next step of the start.
-    pub(super) fn startup_due(&self) -> Instant {
+    /// Time of the next step.
+    pub(super) fn deadline(&self) -> Instant {
         match self.state {
             State::Off | State::Ready => Instant::NEVER,
             State::Waking { due } | State::Booting { due } => due,
-            State::Clearing(clearing) => clearing.next,
+            State::Clearing { next, .. } => next,
         }
     }
 
-    /// Executes the next step of the start.
-    pub(super) fn startup_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        match self.state {
-            State::Off | State::Ready => {}
-            State::Waking { .. } => self.wake(at, out),
-            State::Booting { .. } => self.ready(at, out),
-            State::Clearing(clearing) if at < clearing.over => {
-                let next = (at + TURN).min(clearing.over);
-                self.state = State::Clearing(Clearing { next, red: !clearing.red, ..clearing });
-            }
-            State::Clearing(_) => {
-                self.reset_settings(at, out);
-                self.boot(at, out);
+    /// Continues the start up to `at`. Returns the next step that the drive must execute; more may follow.
+    pub(super) fn timeout(&mut self, at: Instant) -> Option<Step> {
+        while self.deadline() <= at {
+            match self.state {
+                State::Off | State::Ready => return None,
+                State::Waking { .. } if self.clr_flash => {
+                    self.state = State::Clearing { next: at + TURN, over: at + RESET, red: true };
+                }
+                State::Waking { .. } => self.boot(at),
+                State::Clearing { over, red, .. } if at < over => {
+                    self.state = State::Clearing { next: (at + TURN).min(over), over, red: !red };
+                }
+                State::Clearing { .. } => {
+                    self.boot(at);
+                    return Some(Step::Reset);
+                }
+                State::Booting { .. } => {
+                    self.state = State::Ready;
+                    return Some(Step::Ready);
+                }
             }
         }
-    }
-
-    /// Ends the start: reports errors, executes the inputs, and starts the program if it is selected.
-    fn ready(&mut self, at: Instant, out: &mut dyn Context) {
-        self.state = State::Ready;
-        self.check_errors(at, out);
-        self.apply_inputs(at, out);
-        if self.bank.word(Reg::MODE_USER_PROGRAM) == 3 {
-            let _ = self.start_program(at, Status::StartedByPower, out);
-        }
+        None
     }
 
     /// Updates the lights: green when the drive is ready, red when an error stops the motor.
-    pub(super) fn update_lights(&mut self, at: Instant, out: &mut dyn Context) {
-        let lights = match self.state {
-            State::Off | State::Waking { .. } | State::Booting { .. } => Lights::DARK,
-            State::Clearing(Clearing { red, .. }) => Lights { red, green: !red },
-            State::Ready => Lights { red: self.errors.stop(), green: true },
+    pub(super) fn show(&mut self, at: Instant, has_error: bool, out: &mut dyn Context) {
+        let (red, green) = match self.state {
+            State::Off | State::Waking { .. } | State::Booting { .. } => (false, false),
+            State::Clearing { red, .. } => (red, !red),
+            State::Ready => (has_error, true),
         };
-        let mut change = |pin: Pin, was: bool, is: bool| {
-            if was != is {
-                let level = if is { Level::High } else { Level::Low };
-                out.put(at, Output::Level { pin, level });
+        let mut change = |pin: Pin, light: &mut bool, is: bool| {
+            if *light != is {
+                *light = is;
+                out.put(at, Output::Level { pin, level: if is { Level::High } else { Level::Low } });
             }
         };
-        change(RED, self.lights.red, lights.red);
-        change(GREEN, self.lights.green, lights.green);
-        self.lights = lights;
+        change(RED, &mut self.red, red);
+        change(GREEN, &mut self.green, green);
     }
 }

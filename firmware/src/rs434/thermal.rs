@@ -4,6 +4,7 @@
 //! The manual specifies neither limits nor times. Each part approaches its final temperature with a time
 //! constant of about a minute, in steps of a second. The steps are computed when a temperature is needed.
 
+use super::errors::Error;
 use crate::device::{Duration, Instant};
 
 const STEP: Duration = Duration::secs(1);
@@ -98,8 +99,20 @@ impl Thermal {
         *injected = Some(temperature);
     }
 
+    /// Bits of ERROR of the parts that are too hot.
+    pub(super) fn errors(&self, at: Instant) -> u16 {
+        [
+            (Part::Mcu, Error::McuOverheat),
+            (Part::Power, Error::PowerOverheat),
+            (Part::Brake, Error::BrakeOverheat),
+        ]
+        .into_iter()
+        .filter(|&(part, _)| self.is_too_hot(at, part))
+        .fold(0, |bits, (_, error)| bits | error as u16)
+    }
+
     /// Returns true if a part is so hot that the motor must stop.
-    pub(super) fn is_too_hot(&self, at: Instant, part: Part) -> bool {
+    fn is_too_hot(&self, at: Instant, part: Part) -> bool {
         let limit = match part {
             Part::Mcu => 850,
             Part::Power | Part::Brake => 1_000,

@@ -30,7 +30,7 @@ pub(super) struct PulseIn {
     /// Pulses of the last finished count, and its duration.
     counted: (u32, Duration),
     /// Time at which the drive decides that the input has no pulses.
-    pub(super) due: Instant,
+    due: Instant,
 }
 
 impl PulseIn {
@@ -62,6 +62,10 @@ impl PulseIn {
             (self.counted, self.gate, self.count) = ((self.count, span), at, 0);
         }
         whole
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.due
     }
 
     /// Returns true if the pulses have just timed out.

@@ -17,13 +17,13 @@ const SLOWEST: Duration = Duration::micros(200);
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SpeedIn {
     /// Measured value, 0 to [`FULL_SCALE`].
-    pub(super) digit: u16,
+    digit: u16,
     high: bool,
     /// Time of the last rising edge, and length of the last high level after one.
     rose: Option<Instant>,
     on: Option<Duration>,
     /// Time at which the present level has lasted too long for a pulse.
-    pub(super) due: Instant,
+    due: Instant,
 }
 
 impl SpeedIn {
@@ -50,6 +50,15 @@ impl SpeedIn {
             self.digit = (on * FULL_SCALE.into() / period) as u16;
         }
         pulsed
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.due
+    }
+
+    /// Measured value, 0 to [`FULL_SCALE`].
+    pub(super) fn digit(&self) -> u16 {
+        self.digit
     }
 
     /// Returns true if the level has just become a voltage.

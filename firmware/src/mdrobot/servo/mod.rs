@@ -1,34 +1,38 @@
 //! The servo: control of velocity, position and torque, ramps, and the readings of the sensors.
 //!
-//! While the drive controls the motor, the servo runs every millisecond ([`control`]). A speed loop ([`pi`])
-//! holds velocity and position. Its reference is a [`ramp`], or follows from the remaining distance
-//! ([`position`]). Its feedback is the motor's report ([`Feedback`]), as the speed sensor reads it
-//! ([`Edges`], [`halls`], [`encoder`]). [`watch`] detects faults.
+//! While the drive controls the motor, the servo runs every millisecond. A speed loop ([`pi`]) holds velocity and
+//! position. Its reference is a [`ramp`], or follows from the remaining distance ([`position`]). Its feedback is the
+//! motor's report as the speed sensor reads it ([`sensing`], [`halls`], [`encoder`]). [`watch`] detects faults.
 
-mod control;
 mod encoder;
 mod halls;
 mod pi;
 mod position;
 mod ramp;
 mod sensing;
+mod settings;
 #[cfg(test)]
 mod tests;
 mod watch;
 
 use fixed::types::I40F24;
 
-use self::encoder::Encoder;
-use self::halls::Halls;
 use self::pi::Pi;
-use self::watch::FaultMonitor;
-use crate::device::{Context, Instant, Output, REPORTS_REASONS, Rotation};
-use crate::mdrobot::drive::MOTOR;
+use self::sensing::{Counted, Sensing};
+pub(super) use self::settings::{Settings, motor};
+use self::watch::{ControlSample, FaultMonitor};
+use crate::device::{Context, Duration, Input, Instant, Output, REPORTS_REASONS};
 use crate::mdrobot::reasons::Why;
-use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK};
+use crate::motor::{AXIS, FULL_DUTY, NEAR, TICK, ramped};
 
 /// Register value of the whole supply as an output, and of `MAX_LOAD` as a torque (p. 12).
 pub(super) const OUTPUTS: u16 = 1_023;
+
+/// The speed loop uses the reference this many ms ahead, because the motor follows a ramp 14 to 24 ms late
+/// with the factory gains.
+const LOOKAHEAD_MS: I40F24 = I40F24::lit("8");
+/// Longest time for which a motor may still follow after a ramp has ended.
+const MAX_TRAIL: Duration = Duration::millis(200);
 
 /// Order to the motor.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -51,63 +55,6 @@ pub(super) enum Order {
     Open(i16),
     /// Torque in 1/1023 of `MAX_LOAD`.
     Torque(i16),
-}
-
-/// Settings from the registers.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Settings {
-    /// `MAX_RPM`, limited to its range.
-    pub(super) max_rpm: u16,
-    /// `MAX_LOAD`, limited to its range, in mA.
-    pub(super) limit_ma: u32,
-    /// `PV_GAIN`, in rpm for each count.
-    pub(super) pv_gain: u16,
-    /// P_GAIN.
-    pub(super) p_gain: u16,
-    /// I_GAIN.
-    pub(super) i_gain: u16,
-    /// SLOW_START, 0 to 1,023.
-    pub(super) slow_start: u16,
-    /// SLOW_DOWN, 0 to 1,023.
-    pub(super) slow_down: u16,
-    /// STOP_STATUS, 0 to 3.
-    pub(super) stop_status: u16,
-    /// Poles of the motor, from `HALL_TYPE`.
-    pub(super) poles: u16,
-    /// ENC_PPR; 0 without an encoder.
-    pub(super) enc_ppr: u16,
-}
-
-impl Settings {
-    /// Settings of a new drive.
-    #[cfg(test)]
-    pub(super) const FACTORY: Self = Self {
-        max_rpm: 3_000,
-        limit_ma: 20_000,
-        pv_gain: 20,
-        p_gain: 6_000,
-        i_gain: 6_000,
-        slow_start: 0,
-        slow_down: 0,
-        stop_status: 0,
-        poles: 4,
-        enc_ppr: 0,
-    };
-
-    /// Counts of the Hall sensors in a turn: the edges of three sensors for each pair of poles.
-    fn counts(&self) -> i64 {
-        3 * i64::from(self.poles.max(1))
-    }
-
-    /// Counts of the encoder in a turn (MDROBOT-29).
-    fn encoder_counts(&self) -> i64 {
-        4 * i64::from(self.enc_ppr)
-    }
-
-    /// Counts of the speed sensor, in a turn.
-    fn turn(&self) -> i64 {
-        if self.enc_ppr > 0 { self.encoder_counts() } else { self.counts() }
-    }
 }
 
 /// A sensor that changed.
@@ -133,18 +80,12 @@ pub(super) struct Servo {
     /// Last time at which `setpoint` was not 0.
     setpoint_since: Instant,
     pi: Pi,
-    feedback: Feedback,
+    sensing: Sensing,
     /// Requested duty. The current limit may reduce it.
     duty: i32,
     /// Current limit, in mA: 0 while the terminals are open.
     limit_out_ma: u32,
     swapped: bool,
-    halls: Halls,
-    encoder: Encoder,
-    /// Edges of the Hall sensors.
-    hall_edges: Edges,
-    /// Edges of the encoder.
-    encoder_edges: Edges,
     /// Count of the Hall sensors that is position 0.
     zero: i64,
     target: i32,
@@ -163,14 +104,10 @@ impl Servo {
             setpoint: I40F24::ZERO,
             setpoint_since: Instant::ZERO,
             pi: Pi::NEW,
-            feedback: Feedback::new(&MOTOR),
+            sensing: Sensing::new(&settings),
             duty: 0,
             limit_out_ma: 0,
             swapped: false,
-            halls: Halls::NEW,
-            encoder: Encoder::NEW,
-            hall_edges: Edges::NONE,
-            encoder_edges: Edges::NONE,
             zero: 0,
             target: 0,
             faults: FaultMonitor::NEW,
@@ -181,8 +118,7 @@ impl Servo {
     /// Handles power-on: puts the state of the terminals. Everything is reset, including the position; only
     /// the motor's feedback stays.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
-        let feedback = self.feedback;
-        *self = Self { feedback, ..Self::new(settings) };
+        *self = Self { sensing: self.sensing.restarted(&settings), ..Self::new(settings) };
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
         out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_out_ma });
     }
@@ -193,6 +129,7 @@ impl Servo {
         if settings == before {
             return;
         }
+        self.sensing.set(&settings);
         match self.order {
             Order::Brake => self.release(at, true, out),
             Order::Velocity(_) if !self.is_controlling() => {
@@ -247,16 +184,17 @@ impl Servo {
 
     /// Time of the next control tick, or of the check of an impossible Hall code.
     pub(super) fn deadline(&self) -> Instant {
-        self.next.min(self.halls.deadline())
+        self.next.min(self.sensing.deadline())
     }
 
-    /// Executes a control tick if one is due.
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        self.halls.check_code(at);
+    /// Executes a control tick and the check of a Hall code if they are due. Returns true if one of them was.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) -> bool {
+        let is_due = self.deadline() <= at;
+        self.sensing.timeout(at);
         if at >= self.next {
-            self.next = at + TICK;
             self.tick(at, out);
         }
+        is_due
     }
 
     /// Starts to control the motor, from its present speed.
@@ -264,12 +202,11 @@ impl Servo {
         let duty = if self.is_controlling() && self.limit_out_ma > 0 {
             self.applied_duty(at)
         } else {
-            self.back_emf(at)
+            self.sensing.back_emf(at)
         };
         let duty = duty.clamp(-pi::FULL, pi::FULL);
         self.pi.begin(duty);
-        self.hall_edges.begin(at, self.settings.counts(), &self.feedback);
-        self.encoder_edges.begin(at, self.settings.encoder_counts(), &self.feedback);
+        self.sensing.begin(at);
         (self.setpoint, self.faults) = (self.reading(at), FaultMonitor::NEW);
         self.next = at + TICK;
         if let Some(shorted) = self.is_over(at) {
@@ -281,8 +218,7 @@ impl Servo {
     /// Stops controlling the motor and opens or shorts its terminals.
     fn release(&mut self, at: Instant, shorted: bool, out: &mut dyn Context) {
         if self.reading(at).round() == 0 {
-            self.hall_edges.set_standstill();
-            self.encoder_edges.set_standstill();
+            self.sensing.set_standstill();
         }
         (self.next, self.setpoint, self.faults) = (Instant::NEVER, I40F24::ZERO, FaultMonitor::NEW);
         self.terminals(at, 0, if shorted { self.limit() } else { 0 }, out);
@@ -315,4 +251,220 @@ impl Servo {
     fn limit(&self) -> u32 {
         self.settings.limit_ma
     }
+
+    /// Sets the terminals as the order requires.
+    fn tick(&mut self, at: Instant, out: &mut dyn Context) {
+        self.next = at + TICK;
+        let (setpoint, wanted) = match self.order {
+            Order::Free | Order::Brake => return self.release(at, self.order == Order::Brake, out),
+            Order::Velocity(_) => {
+                let goal = I40F24::from_num(self.goal().unwrap_or(0));
+                let rate = |slow| ramp::rate(slow, self.settings.max_rpm);
+                let (up, down) = (rate(self.settings.slow_start), rate(self.settings.slow_down));
+                let setpoint = ramped(self.setpoint, goal, up, down);
+                let slope = ramped(setpoint, goal, up, down) - setpoint;
+                let ahead = setpoint.saturating_add(slope.saturating_mul(LOOKAHEAD_MS));
+                (setpoint, ahead.max(setpoint.min(goal)).min(setpoint.max(goal)))
+            }
+            Order::Position { rpm, .. } => {
+                let setpoint =
+                    position::speed_to_target(self.distance(), rpm, at, &self.sensing, &self.settings);
+                (setpoint, setpoint)
+            }
+            Order::Open(output) => {
+                let duty = of_output(output);
+                self.terminals(at, duty.round().to_num(), self.limit(), out);
+                return self.check_faults(at, duty, None);
+            }
+            Order::Torque(torque) => {
+                // The duty is the whole supply, and the current limit sets the torque.
+                self.terminals(at, i32::from(torque.signum()) * FULL_DUTY, self.allowed(), out);
+                return self.check_faults(at, self.applied_duty(at), None);
+            }
+        };
+        self.setpoint = setpoint;
+        if setpoint != 0 {
+            self.setpoint_since = at;
+        }
+        if let Some(shorted) = self.is_over(at) {
+            return self.release(at, shorted, out);
+        }
+        let (wanted, emf) = (self.sensing.duty_of(wanted), self.sensing.back_emf(at));
+        let Settings { p_gain, i_gain, .. } = self.settings;
+        let motor = self.sensing.motor();
+        let headroom = motor.duty(motor.speed_drop(self.limit().into()));
+        let (output, duty) = self.pi.step(wanted - emf, emf, headroom, motor.gain, p_gain, i_gain);
+        self.terminals(at, duty.round().to_num(), self.limit(), out);
+        self.check_faults(at, output, Some((wanted, emf)));
+    }
+
+    /// Returns how to release the motor, if the speed reference stays 0 and the motor is to be released: true
+    /// with shorted terminals, false with open terminals (MDROBOT-17).
+    fn is_over(&self, at: Instant) -> Option<bool> {
+        if self.goal() != Some(0) {
+            return None;
+        }
+        match self.settings.stop_status {
+            1 => None,
+            3 => Some(false),
+            _ if self.setpoint != 0 || self.trails(at) => None,
+            status => Some(status == 2),
+        }
+    }
+
+    /// Returns true if the motor has not yet reached standstill after a ramp to 0.
+    fn trails(&self, at: Instant) -> bool {
+        self.settings.slow_down > 0
+            && at.since(self.setpoint_since) < MAX_TRAIL
+            && self.reading(at).round() != 0
+    }
+
+    /// The speed in rpm at which the ramp ends; `None` without speed control.
+    fn goal(&self) -> Option<i32> {
+        let most = i32::from(self.settings.max_rpm);
+        if let Order::Velocity(rpm) = self.order { Some(rpm.clamp(-most, most)) } else { None }
+    }
+
+    /// Current limit while the servo controls the motor, in mA: `MAX_LOAD`, or a part of it in torque
+    /// control.
+    fn allowed(&self) -> u32 {
+        let Order::Torque(torque) = self.order else { return self.limit() };
+        let part =
+            u64::from(torque.unsigned_abs().min(OUTPUTS)) * u64::from(self.limit()) / u64::from(OUTPUTS);
+        u32::try_from(part).unwrap_or(u32::MAX)
+    }
+
+    /// Checks for faults.
+    fn check_faults(&mut self, at: Instant, wanted: I40F24, speeds: Option<(I40F24, I40F24)>) {
+        let sample = ControlSample {
+            ma: self.current(),
+            limit_ma: self.limit(),
+            wanted,
+            speeds,
+            rpm: self.rpm(at),
+            hall: self.sensing.last_hall_edge(),
+        };
+        self.alarms |= self.faults.update(at, sample);
+    }
+
+    /// Handles a level of a sensor.
+    pub(super) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) {
+        let counted = self.sensing.edge(at, sensor, high);
+        self.watch_encoder(at, counted);
+    }
+
+    /// Breaks or repairs the wire of a Hall sensor, and the wires of the encoder.
+    pub(super) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) {
+        let counted = self.sensing.cut(at, halls, encoder);
+        self.watch_encoder(at, counted);
+    }
+
+    /// Compares the edges of the Hall sensors and the encoder.
+    fn watch_encoder(&mut self, at: Instant, counted: Option<Counted>) {
+        match counted {
+            Some(Counted::Encoder) => self.faults.encoder_edge(),
+            Some(Counted::Halls) if self.settings.enc_ppr > 0 && self.is_controlling() => {
+                let (count, turn) = (self.sensing.count(), self.sensing.turn());
+                self.alarms |= self.faults.hall_edge(at, count, turn, self.settings.encoder_counts().into());
+            }
+            _ => {}
+        }
+    }
+
+    /// Handles a report of the motor.
+    #[inline]
+    pub(super) fn report(&mut self, at: Instant, input: &Input<'_>) {
+        self.sensing.report(at, input);
+    }
+
+    /// Swaps two wires of the motor, which reverses the direction of the duty, or restores them.
+    pub(super) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Context) {
+        if swapped != self.swapped {
+            self.swapped = swapped;
+            self.put_duty(at, out);
+        }
+    }
+
+    /// Levels of channels A and B of the encoder, even while its wires are broken.
+    pub(super) fn encoder_levels(&self) -> [bool; 2] {
+        self.sensing.encoder_levels()
+    }
+
+    /// Speed in rpm that the speed sensor reads, also between two edges.
+    fn reading(&self, at: Instant) -> I40F24 {
+        self.sensing.reading(at)
+    }
+
+    /// Speed in rpm from the edges of the speed sensor alone, positive CCW, not limited.
+    pub(super) fn rpm(&self, at: Instant) -> i32 {
+        self.sensing.rpm(at)
+    }
+
+    /// Current in mA. Its sign refers to the direction of the output.
+    pub(super) fn current(&self) -> i32 {
+        let ma = self.sensing.ma();
+        if self.swapped { ma.saturating_neg() } else { ma }
+    }
+
+    /// The output in 1/1023 of the supply, reduced by the current limit.
+    pub(super) fn output(&self, at: Instant) -> i16 {
+        (self.applied_duty(at) * i64::from(OUTPUTS) / i64::from(FULL_DUTY)).round().to_num()
+    }
+
+    /// The output as a duty, reduced by the current limit.
+    fn applied_duty(&self, at: Instant) -> I40F24 {
+        let sign = if self.swapped { -1 } else { 1 };
+        I40F24::from_num(sign * self.sensing.applied(at, sign * self.duty, self.limit_out_ma))
+    }
+
+    /// Returns the alarms that have occurred since the last call, as bits of
+    /// [`Alarm`](crate::mdrobot::alarm::Alarm).
+    pub(super) fn alarms(&mut self) -> u16 {
+        core::mem::take(&mut self.alarms)
+    }
+
+    /// Returns true if the Hall sensors have had an impossible code for too long.
+    pub(super) fn halls_are_broken(&self) -> bool {
+        self.sensing.halls_are_broken()
+    }
+
+    /// Distance to the target in counts.
+    fn distance(&self) -> i64 {
+        self.distance_to(self.target)
+    }
+
+    /// Distance from the motor's position to `position`, in counts.
+    pub(super) fn distance_to(&self, position: i32) -> i64 {
+        self.zero + i64::from(position) - self.sensing.count()
+    }
+
+    /// Position in counts of the Hall sensors, positive CCW, limited to the range of positions.
+    pub(super) fn position(&self) -> i32 {
+        position::of_counts(self.sensing.count() - self.zero)
+    }
+
+    /// Sets the present position to 0. The target of position control is shifted by the same amount.
+    pub(super) fn clear_position(&mut self) {
+        self.target = position::of_counts(self.distance());
+        self.zero = self.sensing.count();
+        if let Order::Position { count, .. } = &mut self.order {
+            *count = self.target;
+        }
+    }
+
+    /// Present or last target of position control, in counts. Clearing the position shifts it.
+    pub(super) fn target(&self) -> i32 {
+        self.target
+    }
+
+    /// Position error in counts; `None` if the order is not a position.
+    pub(super) fn error(&self) -> Option<i64> {
+        matches!(self.order, Order::Position { .. }).then(|| self.distance())
+    }
+}
+
+/// The duty of an output in 1/1023 of the supply (MDROBOT-28).
+fn of_output(output: i16) -> I40F24 {
+    let output = i64::from(output).clamp(-i64::from(OUTPUTS), OUTPUTS.into());
+    I40F24::from_num(output * i64::from(FULL_DUTY)) / i64::from(OUTPUTS)
 }

@@ -1,8 +1,9 @@
-//! Position control: present position, target, and the speed towards it (p. 15; MDROBOT-19).
+//! Position control: the speed towards a target (p. 15; MDROBOT-19).
 
 use fixed::types::I40F24;
 
-use super::{FULL_DUTY, NEAR, Order, Servo};
+use super::sensing::Sensing;
+use super::{FULL_DUTY, NEAR, Settings};
 use crate::device::Instant;
 
 /// Beyond this distance in counts, no motor is fast enough to have to brake.
@@ -15,69 +16,37 @@ const LAG_PER_S: i64 = 40;
 /// would oscillate around its target.
 const LAG_PART: i64 = 2;
 
-impl Servo {
-    /// The speed reference in rpm: `PV_GAIN` for each remaining count, at most `most`, and at most the speed
-    /// from which `MAX_LOAD` can brake within the distance.
-    pub(super) fn setpoint_to_target(&self, at: Instant, most: i32) -> I40F24 {
-        const TICKS_PER_S: i64 = 1_000;
-        let (turn, motor) = (self.settings.counts(), &self.feedback.motor);
-        let left = self.hall_edges.distance(self.distance(), FAR, at, turn, &self.feedback);
-        if left.abs() <= NEAR {
-            return I40F24::ZERO;
-        }
-        let sign = left.to_bits().signum();
-        let brakes =
-            motor.max_deceleration(self.settings.limit_ma, FULL_DUTY, sign) / BRAKE_DIVISOR * TICKS_PER_S;
-        // The braking speed v stops the shaft within the distance s with the deceleration a, after the lag t:
-        // v² = 2·a·(s − v·t). Speeds are in rpm: 60 rpm are one turn per second.
-        let brakes = self.hall_edges.of_sensor(brakes, turn).max(I40F24::ONE).to_num::<i64>();
-        let lag_ms = (motor.slowness / LAG_PART).to_num::<i64>().max(TICKS_PER_S / LAG_PER_S);
-        let lag = brakes.saturating_mul(lag_ms) / TICKS_PER_S;
-        let square = (left.abs().to_bits() >> 8)
-            .saturating_mul((2 * 60 * brakes).checked_div(turn).unwrap_or(0))
-            >> 16;
-        let root = square.saturating_add(lag.saturating_mul(lag)).unsigned_abs().isqrt();
-        let braking_speed = root.cast_signed().saturating_sub(lag);
-        let most = I40F24::from_num(i64::from(most.clamp(0, u16::MAX.into())).min(braking_speed.max(1)));
-        left.saturating_mul(self.settings.pv_gain.into()).min(most).max(-most)
+/// The speed reference in rpm at the `distance` from the target in counts: `PV_GAIN` for each remaining count, at most `most`, and at most the speed
+/// from which `MAX_LOAD` can brake within the distance.
+pub(super) fn speed_to_target(
+    distance: i64,
+    most: i32,
+    at: Instant,
+    sensing: &Sensing,
+    settings: &Settings,
+) -> I40F24 {
+    const TICKS_PER_S: i64 = 1_000;
+    let (turn, motor) = (sensing.turn(), sensing.motor());
+    let left = sensing.distance(distance, FAR, at);
+    if left.abs() <= NEAR {
+        return I40F24::ZERO;
     }
-
-    /// Distance to the target in counts.
-    pub(super) fn distance(&self) -> i64 {
-        self.distance_to(self.target)
-    }
-
-    /// Distance from the motor's position to `position`, in counts.
-    pub(in crate::mdrobot) fn distance_to(&self, position: i32) -> i64 {
-        self.zero + i64::from(position) - self.halls.count()
-    }
-
-    /// Position in counts of the Hall sensors, positive CCW, limited to the range of positions.
-    pub(in crate::mdrobot) fn position(&self) -> i32 {
-        of_position(self.halls.count() - self.zero)
-    }
-
-    /// Sets the present position to 0. The target of position control is shifted by the same amount.
-    pub(in crate::mdrobot) fn clear_position(&mut self) {
-        self.target = of_position(self.distance());
-        self.zero = self.halls.count();
-        if let Order::Position { count, .. } = &mut self.order {
-            *count = self.target;
-        }
-    }
-
-    /// Present or last target of position control, in counts. Clearing the position shifts it.
-    pub(in crate::mdrobot) fn target(&self) -> i32 {
-        self.target
-    }
-
-    /// Position error in counts; `None` if the order is not a position.
-    pub(in crate::mdrobot) fn error(&self) -> Option<i64> {
-        matches!(self.order, Order::Position { .. }).then(|| self.distance())
-    }
+    let sign = left.to_bits().signum();
+    let brakes = motor.max_deceleration(settings.limit_ma, FULL_DUTY, sign) / BRAKE_DIVISOR * TICKS_PER_S;
+    // The braking speed v stops the shaft within the distance s with the deceleration a, after the lag t:
+    // v² = 2·a·(s − v·t). Speeds are in rpm: 60 rpm are one turn per second.
+    let brakes = sensing.of_halls(brakes).max(I40F24::ONE).to_num::<i64>();
+    let lag_ms = (motor.slowness / LAG_PART).to_num::<i64>().max(TICKS_PER_S / LAG_PER_S);
+    let lag = brakes.saturating_mul(lag_ms) / TICKS_PER_S;
+    let square =
+        (left.abs().to_bits() >> 8).saturating_mul((2 * 60 * brakes).checked_div(turn).unwrap_or(0)) >> 16;
+    let root = square.saturating_add(lag.saturating_mul(lag)).unsigned_abs().isqrt();
+    let braking_speed = root.cast_signed().saturating_sub(lag);
+    let most = I40F24::from_num(i64::from(most.clamp(0, u16::MAX.into())).min(braking_speed.max(1)));
+    left.saturating_mul(settings.pv_gain.into()).min(most).max(-most)
 }
 
 /// Counts as a position, limited to the range of positions.
-fn of_position(counts: i64) -> i32 {
+pub(super) fn of_counts(counts: i64) -> i32 {
     counts.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }

@@ -14,30 +14,17 @@ pub(super) fn rate(slow: u16, max_rpm: u16) -> Option<I40F24> {
     Some(I40F24::from_bits(rate.max(1)))
 }
 
-/// The speed reference one ms after `setpoint`, on the way to `target`. Its magnitude rises at most by `up`
-/// and falls at most by `down`; it changes its sign only at 0.
-pub(super) fn next(setpoint: I40F24, target: I40F24, up: Option<I40F24>, down: Option<I40F24>) -> I40F24 {
-    let turns_round = setpoint.signum() * target.signum() < 0;
-    let (slows, aim) =
-        if turns_round { (true, I40F24::ZERO) } else { (target.abs() < setpoint.abs(), target) };
-    let next = match if slows { down } else { up } {
-        Some(rate) => setpoint + (aim - setpoint).min(rate).max(-rate),
-        None => aim,
-    };
-    // Without a ramp down, the reference reaches 0 at once and changes its sign in the same ms.
-    if turns_round && next == 0 && down.is_none() { self::next(next, target, up, down) } else { next }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::motor::ramped;
 
     /// The rounded reference after `ms` milliseconds.
     fn paces(from: i32, to: i32, up: u16, down: u16, ms: usize) -> i32 {
         let (up, down) = (rate(up, 3_000), rate(down, 3_000));
         let mut setpoint = I40F24::from_num(from);
         for _ in 0..ms {
-            setpoint = next(setpoint, I40F24::from_num(to), up, down);
+            setpoint = ramped(setpoint, I40F24::from_num(to), up, down);
         }
         setpoint.round().to_num()
     }

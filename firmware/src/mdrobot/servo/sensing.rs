@@ -1,86 +1,168 @@
-//! Readings of the sensors and the motor: speed, current, and the applied duty.
+//! Readings of the sensors and the motor: count, speed, current, and the applied duty.
 
 use fixed::types::I40F24;
 
-use super::{ControlModel, Edges, FULL_DUTY, OUTPUTS, Parameters, Rotation, Sensor, Servo};
-use crate::device::{Context, Instant};
+use super::encoder::Encoder;
+use super::halls::Halls;
+use super::settings::MOTOR;
+use super::{Sensor, Settings};
+use crate::device::{Input, Instant};
+use crate::motor::{ControlModel, Edges, Feedback};
 
-impl Servo {
+/// An edge that was counted.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Counted {
+    Halls,
+    Encoder,
+}
+
+/// The sensors of the motor, and its reports.
+#[derive(Clone, Debug)]
+pub(super) struct Sensing {
+    feedback: Feedback,
+    halls: Halls,
+    encoder: Encoder,
+    /// Edges of the Hall sensors.
+    hall_edges: Edges,
+    /// Edges of the encoder.
+    encoder_edges: Edges,
+}
+
+impl Sensing {
+    pub(super) fn new(settings: &Settings) -> Self {
+        Self::with(Feedback::new(&MOTOR), settings)
+    }
+
+    /// The state at power-on. What the motor has reported stays.
+    pub(super) fn restarted(&self, settings: &Settings) -> Self {
+        Self::with(self.feedback, settings)
+    }
+
+    /// Applies new settings.
+    pub(super) fn set(&mut self, settings: &Settings) {
+        self.hall_edges.set_turn(settings.counts());
+        self.encoder_edges.set_turn(settings.encoder_counts());
+    }
+
+    fn with(feedback: Feedback, settings: &Settings) -> Self {
+        Self {
+            feedback,
+            halls: Halls::NEW,
+            encoder: Encoder::NEW,
+            hall_edges: Edges::new(settings.counts()),
+            encoder_edges: Edges::new(settings.encoder_counts()),
+        }
+    }
+
+    /// Handles a report of the motor.
+    #[inline]
+    pub(super) fn report(&mut self, at: Instant, input: &Input<'_>) {
+        self.feedback.report(at, input);
+    }
+
     /// Handles a level of a sensor.
-    pub(in crate::mdrobot) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) {
-        match sensor {
-            Sensor::Hall(place) => {
-                let counts = self.halls.edge(at, place, high);
-                self.counted(at, counts);
-            }
-            Sensor::EncoderA | Sensor::EncoderB => {
-                let Some(forward) = self.encoder.edge(sensor == Sensor::EncoderA, high) else { return };
-                self.faults.encoder_edge();
-                self.encoder_edges.edge(at, forward, self.settings.encoder_counts(), &self.feedback);
-            }
+    pub(super) fn edge(&mut self, at: Instant, sensor: Sensor, high: bool) -> Option<Counted> {
+        if let Sensor::Hall(place) = sensor {
+            let counts = self.halls.edge(at, place, high);
+            return self.hall_counts(at, counts);
         }
-    }
-
-    /// Handles counts that the Hall sensors made, positive forward.
-    fn counted(&mut self, at: Instant, counts: i8) {
-        for _ in 0..counts.unsigned_abs() {
-            self.hall_edges.edge(at, counts > 0, self.settings.counts(), &self.feedback);
-        }
-        if counts != 0 && self.settings.enc_ppr > 0 && self.is_controlling() {
-            let (count, settings) = (self.halls.count(), &self.settings);
-            self.alarms |= self.faults.hall_edge(at, count, settings.counts(), settings.turn());
-        }
-    }
-
-    /// The motor reports its current, in mA.
-    pub(in crate::mdrobot) fn draws(&mut self, ma: i32) {
-        self.feedback.ma = ma;
-    }
-
-    /// The motor reports its parameters.
-    pub(in crate::mdrobot) fn motor(&mut self, parameters: &Parameters) {
-        self.feedback.motor = ControlModel::of(parameters);
-    }
-
-    /// The motor reports its rotation from now on.
-    pub(in crate::mdrobot) fn turned(&mut self, at: Instant, rotation: Rotation) {
-        self.feedback.turns(at, rotation);
-    }
-
-    /// Swaps two wires of the motor, which reverses the direction of the duty, or restores them.
-    pub(in crate::mdrobot) fn swap(&mut self, at: Instant, swapped: bool, out: &mut dyn Context) {
-        if swapped != self.swapped {
-            self.swapped = swapped;
-            self.put_duty(at, out);
-        }
+        let forward = self.encoder.edge(sensor == Sensor::EncoderA, high)?;
+        self.encoder_edges.edge(at, forward, &self.feedback);
+        Some(Counted::Encoder)
     }
 
     /// Breaks or repairs the wire of a Hall sensor, and the wires of the encoder. The drive reads high from a
     /// broken wire.
-    pub(in crate::mdrobot) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) {
+    pub(super) fn cut(&mut self, at: Instant, halls: bool, encoder: bool) -> Option<Counted> {
         self.encoder.cut(encoder);
         let counts = self.halls.cut(at, halls);
-        self.counted(at, counts);
+        self.hall_counts(at, counts)
+    }
+
+    /// Handles counts that the Hall sensors made, positive forward.
+    fn hall_counts(&mut self, at: Instant, counts: i8) -> Option<Counted> {
+        for _ in 0..counts.unsigned_abs() {
+            self.hall_edges.edge(at, counts > 0, &self.feedback);
+        }
+        (counts != 0).then_some(Counted::Halls)
+    }
+
+    /// Takes the present angle as the reference, at the start of a motion.
+    pub(super) fn begin(&mut self, at: Instant) {
+        self.hall_edges.begin(at, &self.feedback);
+        self.encoder_edges.begin(at, &self.feedback);
+    }
+
+    /// Sets the measured speed to 0.
+    pub(super) fn set_standstill(&mut self) {
+        self.hall_edges.set_standstill();
+        self.encoder_edges.set_standstill();
+    }
+
+    /// Time of the check of an impossible Hall code.
+    pub(super) fn deadline(&self) -> Instant {
+        self.halls.deadline()
+    }
+
+    /// Checks an impossible Hall code.
+    pub(super) fn timeout(&mut self, at: Instant) {
+        self.halls.check_code(at);
+    }
+
+    /// Returns true if the Hall sensors have had an impossible code for too long.
+    pub(super) fn halls_are_broken(&self) -> bool {
+        self.halls.are_broken()
+    }
+
+    /// Count of the Hall sensors.
+    pub(super) fn count(&self) -> i64 {
+        self.halls.count()
+    }
+
+    /// Time of the last edge of a Hall sensor.
+    pub(super) fn last_hall_edge(&self) -> Option<Instant> {
+        self.hall_edges.last()
     }
 
     /// Levels of channels A and B of the encoder, even while its wires are broken.
-    pub(in crate::mdrobot) fn encoder_levels(&self) -> [bool; 2] {
+    pub(super) fn encoder_levels(&self) -> [bool; 2] {
         self.encoder.levels()
     }
 
-    /// Edges of the speed sensor.
-    pub(super) fn speed(&self) -> &Edges {
-        if self.settings.enc_ppr > 0 { &self.encoder_edges } else { &self.hall_edges }
+    /// Distance in counts of the Hall sensors from the shaft to the middle of the count that is `counts` ahead, limited
+    /// to `most`.
+    pub(super) fn distance(&self, counts: i64, most: i64, at: Instant) -> I40F24 {
+        self.hall_edges.distance(counts, most, at, &self.feedback)
+    }
+
+    /// Speed that the Hall sensors show for a speed of the shaft, in rpm.
+    pub(super) fn of_halls(&self, rpm: I40F24) -> I40F24 {
+        self.hall_edges.of_sensor(rpm)
+    }
+
+    /// Counts of the Hall sensors in a turn.
+    pub(super) fn turn(&self) -> i64 {
+        self.hall_edges.turn()
+    }
+
+    /// Edges of the speed sensor: the encoder, if there is one.
+    fn speed(&self) -> &Edges {
+        if self.encoder_edges.turn() > 0 { &self.encoder_edges } else { &self.hall_edges }
+    }
+
+    /// Speed in rpm from the edges of the speed sensor alone, positive CCW, not limited.
+    pub(super) fn rpm(&self, at: Instant) -> i32 {
+        self.speed().rpm(at)
     }
 
     /// Speed in rpm that the speed sensor reads, also between two edges.
     pub(super) fn reading(&self, at: Instant) -> I40F24 {
-        self.speed().reading(at, self.settings.turn(), &self.feedback)
+        self.speed().reading(at, &self.feedback)
     }
 
     /// The back-EMF, as a duty, at the speed `rpm` that the sensor reads.
     pub(super) fn duty_of(&self, rpm: I40F24) -> I40F24 {
-        self.feedback.motor.duty(self.speed().of_shaft(rpm, self.settings.turn()))
+        self.feedback.motor.duty(self.speed().of_shaft(rpm))
     }
 
     /// Present back-EMF, as a duty.
@@ -88,35 +170,17 @@ impl Servo {
         self.duty_of(self.reading(at))
     }
 
-    /// Speed in rpm from the edges of the speed sensor alone, positive CCW, not limited.
-    pub(in crate::mdrobot) fn rpm(&self, at: Instant) -> i32 {
-        self.speed().rpm(at, self.settings.turn())
+    /// Current in mA, with the sign of the duty.
+    pub(super) fn ma(&self) -> i32 {
+        self.feedback.ma
     }
 
-    /// Current in mA. Its sign refers to the direction of the output.
-    pub(in crate::mdrobot) fn current(&self) -> i32 {
-        if self.swapped { self.feedback.ma.saturating_neg() } else { self.feedback.ma }
+    /// The effective duty at the terminals, reduced by the current limit.
+    pub(super) fn applied(&self, at: Instant, duty: i32, limit_ma: u32) -> i32 {
+        self.feedback.applied(at, duty, limit_ma)
     }
 
-    /// The output in 1/1023 of the supply, reduced by the current limit.
-    pub(in crate::mdrobot) fn output(&self, at: Instant) -> i16 {
-        (self.applied_duty(at) * i64::from(OUTPUTS) / i64::from(FULL_DUTY)).round().to_num()
-    }
-
-    /// The output as a duty, reduced by the current limit.
-    pub(super) fn applied_duty(&self, at: Instant) -> I40F24 {
-        let sign = if self.swapped { -1 } else { 1 };
-        I40F24::from_num(sign * self.feedback.applied(at, sign * self.duty, self.limit_out_ma))
-    }
-
-    /// Returns the alarms that have occurred since the last call, as bits of
-    /// [`status`](crate::mdrobot::alarm::status).
-    pub(in crate::mdrobot) fn alarms(&mut self) -> u16 {
-        core::mem::take(&mut self.alarms)
-    }
-
-    /// Returns true if the Hall sensors have had an impossible code for too long.
-    pub(in crate::mdrobot) fn halls_are_broken(&self) -> bool {
-        self.halls.are_broken()
+    pub(super) fn motor(&self) -> &ControlModel {
+        &self.feedback.motor
     }
 }

@@ -5,7 +5,7 @@ use fixed::types::I40F24;
 use super::pi::FULL;
 use crate::debounce::Debounce;
 use crate::device::{Duration, Instant};
-use crate::mdrobot::alarm::status;
+use crate::mdrobot::alarm::Alarm;
 
 const OVER_LOAD: Duration = Duration::secs(4);
 const STALL: Duration = Duration::secs(1);
@@ -89,11 +89,11 @@ impl FaultMonitor {
         let mut alarms = 0;
         let is_at_limit = sample.ma != 0 && sample.ma.unsigned_abs() >= sample.limit_ma;
         if self.load.has_lasted(at, is_at_limit, OVER_LOAD) {
-            alarms |= status::OVER_LOAD;
+            alarms |= Alarm::OverLoad as u16;
         }
         let moved = sample.hall.is_some_and(|hall| at.since(hall) < STALL);
         if self.standstill.has_lasted(at, sample.wanted.abs() > FULL / 2, STALL) && !moved {
-            alarms |= status::STALL;
+            alarms |= Alarm::Stall as u16;
         }
         // A deviation of half the reference has no meaning at reference 0.
         let off = sample.speeds.filter(|(wanted, _)| *wanted != 0).and_then(|(wanted, speed)| {
@@ -101,13 +101,13 @@ impl FaultMonitor {
             (off > wanted.abs() / 2).then_some(off)
         });
         if self.deviation.persists(off, at, CTRL_FAIL) {
-            alarms |= status::CTRL_FAIL;
+            alarms |= Alarm::CtrlFail as u16;
         }
         let against = sample.speeds.and_then(|(wanted, _)| {
             (wanted.signum() * i64::from(sample.rpm.signum()) < 0).then(|| I40F24::from_num(sample.rpm).abs())
         });
         if self.inverse.persists(against, at, INV_VEL) {
-            alarms |= status::INV_VEL;
+            alarms |= Alarm::InvVel as u16;
         }
         alarms
     }
@@ -124,7 +124,7 @@ impl FaultMonitor {
         let (since, first) = *self.since_encoder_edge.get_or_insert((at, count));
         let missed = count.abs_diff(first).saturating_mul(edges.unsigned_abs());
         if at.since(since) >= ENCODER && missed >= 2 * turn.unsigned_abs() {
-            status::HALL_FAIL | status::ENCODER_FAIL
+            Alarm::HallFail as u16 | Alarm::EncoderFail as u16
         } else {
             0
         }

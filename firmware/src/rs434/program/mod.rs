@@ -73,14 +73,14 @@ pub(super) enum Status {
 #[derive(Clone, Debug)]
 pub(super) struct Program {
     /// Registers and stacks of the program.
-    pub(super) vm: Vm,
+    vm: Vm,
     status: Status,
     /// Time of the next line.
     line_due: Instant,
     /// State of the flash after the save in progress, if there is one.
     flash: Content,
-    /// The save in progress. The drive finishes it when it is due, or before a restart.
-    pub(super) save: PendingSave,
+    /// The save in progress.
+    save: PendingSave,
     /// AX to JX at the start. CMD_FULL_STOP_PROGRAM restores them.
     before: [u16; REGISTERS],
     /// Lines in the form of the flash, low byte first.
@@ -126,6 +126,20 @@ impl Program {
         self.is_running().then_some(self.vm.line)
     }
 
+    /// The line in execution: PC_REG.
+    pub(super) fn line(&self) -> u16 {
+        self.vm.line
+    }
+
+    /// Value of a system register, AX to JX, by its number.
+    pub(super) fn register(&self, number: usize) -> Option<u16> {
+        self.vm.registers.get(number).copied()
+    }
+
+    pub(super) fn register_mut(&mut self, number: usize) -> Option<&mut u16> {
+        self.vm.registers.get_mut(number)
+    }
+
     /// Starts at line 0. `status` is one of the two started states. Fails at once if the flash is bad. Does
     /// nothing while the status is [`Status::Running`]. The system registers keep their values.
     pub(super) fn start(&mut self, at: Instant, status: Status) {
@@ -163,6 +177,21 @@ impl Program {
         let save = Save::of_bytes(self.buffer.as_flattened(), SETTINGS as u16, at, SAVE, out);
         self.save.begin(save);
         self.flash = Content::Good;
+    }
+
+    /// Time at which the save in progress is complete.
+    pub(super) fn save_due(&self) -> Instant {
+        self.save.due()
+    }
+
+    /// Finishes a save that is due.
+    pub(super) fn save_timeout(&mut self, at: Instant, out: &mut dyn Context) {
+        self.save.timeout(at, out);
+    }
+
+    /// Finishes the save in progress, before a restart.
+    pub(super) fn finish_save(&mut self, at: Instant, out: &mut dyn Context) {
+        self.save.finish(at, out);
     }
 
     /// Copies the flash into the buffer. Returns true if the flash holds a program; otherwise the caller sets

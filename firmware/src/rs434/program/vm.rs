@@ -8,15 +8,15 @@ use super::instruction::{Instruction, Opcode, OperandForm, Operation};
 use crate::rs434::{LINES, SETTINGS};
 
 /// Number of the system registers, AX to JX.
-pub(in crate::rs434) const REGISTERS: usize = 10;
+pub(super) const REGISTERS: usize = 10;
 
 /// Registers and stacks of a program, in addition to the drive's registers.
 #[derive(Clone, Debug)]
-pub(in crate::rs434) struct Vm {
+pub(super) struct Vm {
     /// AX, BX to JX.
-    pub(in crate::rs434) registers: [u16; REGISTERS],
+    pub(super) registers: [u16; REGISTERS],
     /// The line in execution: PC_REG.
-    pub(in crate::rs434) line: u16,
+    pub(super) line: u16,
     /// The next line, unless a loop continues with its first line.
     next: u16,
     calls: Vec<Call, 16>,

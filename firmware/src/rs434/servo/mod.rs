@@ -23,10 +23,10 @@ use self::held_back::HeldBack;
 use self::path::{FAR, Limits};
 use self::settings::RPM;
 pub(super) use self::settings::Settings;
-use super::errors::error;
+use super::errors::Error;
 use super::reasons::Why;
-use crate::device::{Context, Instant, Output, Rotation};
-use crate::motor::{AXIS, ControlModel, Edges, FULL_DUTY, Feedback, NEAR, Parameters, TICK, scaled};
+use crate::device::{Context, Input, Instant, Output};
+use crate::motor::{AXIS, Edges, FULL_DUTY, Feedback, NEAR, TICK, scaled};
 
 /// The greatest duty, 0.98 of the supply, and the least duty above 0, 0.01 of the supply (section 3).
 const MAX_DUTY: i32 = FULL_DUTY / 100 * 98 + FULL_DUTY % 100 * 98 / 100;
@@ -130,7 +130,7 @@ impl Servo {
             limit_ma: if settings.closed { settings.limit_ma } else { 0 },
             held_back: HeldBack::NONE,
             counter: Counter::new(at),
-            edges: Edges::NONE,
+            edges: Edges::new(settings.counts() as i32),
             compared: None,
             goal: None,
             left: 0,
@@ -165,7 +165,7 @@ impl Servo {
         let (to, from) = (settings.counts(), before.counts());
         if to != from || settings.halls != before.halls {
             // The drive's internal motor changes too, and is then at another angle.
-            self.edges.reset();
+            self.edges = Edges::new(to as i32);
             self.compared = None;
         }
         if settings.halls != before.halls {
@@ -215,7 +215,7 @@ impl Servo {
         let speed = self.speed_at(at);
         if self.is_moving() && rates.is_too_fast(self.distance_to(at, count), speed, self.max_deceleration())
         {
-            self.errors |= error::BRAKING;
+            self.errors |= Error::Braking as u16;
         }
         self.start(at, Order::Move { count, rates }, sign as i8, out);
         Ok(())
@@ -255,7 +255,7 @@ impl Servo {
             return;
         }
         self.direction = direction;
-        self.edges.begin(at, self.settings.counts(), &self.feedback);
+        self.edges.begin(at, &self.feedback);
         self.compare_from(at);
         (self.setpoint, self.owed, self.breakaway) = (I40F24::ZERO, I40F24::ZERO, I40F24::ZERO);
         self.held_back = HeldBack::NONE;
@@ -275,14 +275,13 @@ impl Servo {
                 }
                 // A single sensor shows no direction, so swapped wires cannot give it a wrong one.
                 let really = self.feedback.rpm(at).filter(|_| self.settings.halls == 1).map(|rpm| rpm >= 0);
-                let turn = self.settings.counts();
-                self.edges.edge(at, really.unwrap_or(forward), turn, &self.feedback);
+                self.edges.edge(at, really.unwrap_or(forward), &self.feedback);
                 if let Some(goal) = self.goal {
                     self.left = goal.left(self.counter.count());
                 }
             }
             Ok(None) => {}
-            Err(_) => self.errors |= error::HALL,
+            Err(_) => self.errors |= Error::Hall as u16,
         }
     }
 
@@ -291,20 +290,13 @@ impl Servo {
         self.compared = self.feedback.angle(at).map(|angle| (angle, self.counter.count()));
     }
 
-    /// Handles a new motor current, in mA.
-    pub(super) fn draws(&mut self, ma: i32) {
-        self.feedback.ma = ma;
-    }
-
-    /// Handles new parameters of the motor.
-    pub(super) fn motor(&mut self, parameters: &Parameters) {
-        self.feedback.motor = ControlModel::of(parameters);
-    }
-
-    /// Handles a report of the motor's rotation.
-    pub(super) fn turns(&mut self, at: Instant, rotation: Rotation) {
-        self.feedback.turns(at, rotation);
-        self.compared.get_or_insert((rotation.angle, self.counter.count()));
+    /// Handles a report of the motor.
+    #[inline]
+    pub(super) fn report(&mut self, at: Instant, input: &Input<'_>) {
+        self.feedback.report(at, input);
+        if let Input::Rotation { rotation, .. } = input {
+            self.compared.get_or_insert((rotation.angle, self.counter.count()));
+        }
     }
 
     /// Time of the next tick.
@@ -329,7 +321,7 @@ impl Servo {
             self.open_loop(at, out);
         }
         if self.held_back.update(at, self.limited_direction(), self.feedback.rpm(at)) {
-            self.errors |= error::CURRENT_LIMIT;
+            self.errors |= Error::CurrentLimit as u16;
         }
     }
 
@@ -371,7 +363,7 @@ impl Servo {
     /// A tick with sensors.
     fn closed_loop(&mut self, at: Instant, out: &mut dyn Context) {
         if self.is_miswired(at) {
-            self.errors |= error::HALL;
+            self.errors |= Error::Hall as u16;
         }
         let speed = self.speed_at(at);
         if self.has_arrived(at, speed) {
@@ -411,14 +403,14 @@ impl Servo {
     /// Returns true if the edges of the Hall sensors do not match the rotation of the shaft: a wire is
     /// broken, or the wires are swapped.
     fn is_miswired(&mut self, at: Instant) -> bool {
-        let (turn, count) = (self.settings.counts(), self.counter.count());
-        if self.edges.per_turn(turn) < 0 {
+        let count = self.counter.count();
+        if self.edges.per_turn() < 0 {
             return true;
         }
         let (Some((from, counted)), Some(angle)) = (self.compared, self.feedback.angle(at)) else {
             return false;
         };
-        let turned = self.edges.counts_from(from, at, turn, &self.feedback).abs();
+        let turned = self.edges.counts_from(from, at, &self.feedback).abs();
         if turned <= CHECK_COUNTS {
             return false;
         }
@@ -429,24 +421,20 @@ impl Servo {
 
     /// Greatest decrease of speed per tick by the current limit, with the effects of load and friction.
     fn max_deceleration(&self) -> I40F24 {
-        let turn = self.settings.counts();
         let rpm =
             self.feedback.motor.max_deceleration(self.settings.limit_ma, MAX_DUTY, self.direction.into());
-        let rpm = self.edges.of_sensor(rpm, turn);
-        scaled(rpm, turn, RPM).max(I40F24::DELTA)
+        scaled(self.edges.of_sensor(rpm), self.edges.turn(), RPM).max(I40F24::DELTA)
     }
 
     /// Speed as the Hall sensors show it.
     fn speed_at(&self, at: Instant) -> I40F24 {
-        let turn = self.settings.counts();
-        let speed = scaled(self.edges.reading(at, turn, &self.feedback), turn, RPM);
+        let speed = scaled(self.edges.reading(at, &self.feedback), self.edges.turn(), RPM);
         if self.settings.halls == 1 { speed.abs() * i64::from(self.direction) } else { speed }
     }
 
     /// Speed of the shaft in rpm, for a speed that the Hall sensors show.
     fn shaft_rpm(&self, speed: I40F24) -> I40F24 {
-        let turn = self.settings.counts();
-        self.edges.of_shaft(scaled(speed, RPM, turn), turn)
+        self.edges.of_shaft(scaled(speed, RPM, self.edges.turn()))
     }
 
     /// The target speed, and the ramps to reach it.
@@ -465,8 +453,7 @@ impl Servo {
 
     /// Distance from the shaft to the middle of the count `count`, limited to [`FAR`].
     fn distance_to(&self, at: Instant, count: i64) -> I40F24 {
-        let turn = self.settings.counts();
-        self.edges.distance(count - self.counter.count(), FAR, at, turn, &self.feedback)
+        self.edges.distance(count - self.counter.count(), FAR, at, &self.feedback)
     }
 
     /// Returns true if a move is so slow and so near its end that it ends on its count with shorted
@@ -558,7 +545,7 @@ impl Servo {
     /// SPEED_VALID in rpm: the measured speed, or without sensors the speed that the duty should give.
     pub(super) fn speed(&self, at: Instant) -> u16 {
         if self.settings.has_sensors() {
-            self.edges.rpm(at, self.settings.counts()).unsigned_abs().min(u16::MAX.into()) as u16
+            self.edges.rpm(at).unsigned_abs().min(u16::MAX.into()) as u16
         } else {
             let rpm = i64::from(self.duty.abs()) * i64::from(self.settings.rated);
             ((rpm + i64::from(FULL_DUTY) / 2) >> 16) as u16

@@ -2,7 +2,7 @@
 
 use fixed::types::I40F24;
 
-use crate::motor::scaled;
+use crate::motor::{ramped, scaled};
 
 /// A distance in counts beyond which no motor is so fast that it must already brake.
 pub(super) const FAR: i64 = 65_536;
@@ -31,16 +31,9 @@ impl Limits {
         Self { speed, up, down }
     }
 
-    /// The speed at the next tick: from `setpoint` towards `target`.
+    /// The speed at the next tick: from `setpoint` towards `target`. A reversing speed is 0 for one tick.
     pub(super) fn ramped(self, setpoint: I40F24, target: I40F24) -> I40F24 {
-        let (from, to, sign) = if setpoint < 0 { (-setpoint, -target, -1) } else { (setpoint, target, 1) };
-        let next = if to >= from {
-            to.min(from + self.up)
-        } else {
-            // A reversing speed is 0 for one tick.
-            if from > 0 { to.max(from - self.down).max(I40F24::ZERO) } else { to.max(-self.up) }
-        };
-        next * i64::from(sign)
+        ramped(setpoint, target, Some(self.up), Some(self.down))
     }
 
     /// The target speed for the remaining `distance`, and the ramps to reach it. The present speed is

@@ -4,6 +4,7 @@ use fixed::types::I40F24;
 
 use super::path::Limits;
 use crate::motor::Parameters;
+use crate::rs434::registers::{Reg, Words};
 
 /// Ticks of the servo per second.
 const TICKS_PER_SECOND: i64 = 1_000;
@@ -14,24 +15,38 @@ pub(super) const RPM: i64 = 60 * TICKS_PER_SECOND;
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::rs434) struct Settings {
     /// SPEED, in rpm.
-    pub(in crate::rs434) speed: u16,
+    pub(super) speed: u16,
     /// ACC, as the register holds it.
-    pub(in crate::rs434) acc: u16,
+    pub(super) acc: u16,
     /// DEC, as the register holds it.
-    pub(in crate::rs434) dec: u16,
+    pub(super) dec: u16,
     /// RATED_SPEED in rpm: the MAX_SPEED of the manual (RS434-19).
-    pub(in crate::rs434) rated: u16,
+    pub(super) rated: u16,
     /// PULSES_PER_REVOLUTION.
-    pub(in crate::rs434) pulses: u16,
+    pub(super) pulses: u16,
     /// USE_HALL.
-    pub(in crate::rs434) halls: u16,
+    pub(super) halls: u16,
     /// REF_CURRENT, in mA.
-    pub(in crate::rs434) limit_ma: u32,
+    pub(super) limit_ma: u32,
     /// MODE_COIL: true if the terminals are closed while the motor stands.
-    pub(in crate::rs434) closed: bool,
+    pub(super) closed: bool,
 }
 
 impl Settings {
+    /// The settings in the registers. `halves_limit` halves the current limit.
+    pub(in crate::rs434) fn of(bank: &Words, halves_limit: bool) -> Self {
+        Self {
+            speed: bank.word(Reg::SPEED),
+            acc: bank.word(Reg::ACC),
+            dec: bank.word(Reg::DEC),
+            rated: bank.word(Reg::RATED_SPEED),
+            pulses: bank.word(Reg::PULSES_PER_REVOLUTION),
+            halls: bank.word(Reg::USE_HALL),
+            limit_ma: u32::from(bank.word(Reg::REF_CURRENT)) / if halves_limit { 2 } else { 1 },
+            closed: bank.word(Reg::MODE_COIL) == 1,
+        }
+    }
+
     /// Parameters of the motor, from the registers.
     pub(in crate::rs434) fn motor(&self) -> Parameters {
         Parameters { no_load_rpm: self.rated.into(), hall_pulses: self.pulses, ..Parameters::NOMINAL }

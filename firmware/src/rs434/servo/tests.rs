@@ -6,9 +6,9 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::device::{
-    Axis, Boot, Device, Duration, Fault, Input, NullContext, Pin, PresetError, Shaft, Spec, advance, feed,
+    Axis, Boot, Device, Duration, Fault, NullContext, Pin, PresetError, Shaft, Spec, advance, feed,
 };
-use crate::motor::{DriveWithMotor, MotorDrive};
+use crate::motor::{DriveWithMotor, MotorDrive, Parameters};
 use crate::testing::{Recorder, Treatment};
 
 const HALLS: [Pin; 2] = [Pin(0), Pin(1)];
@@ -71,9 +71,9 @@ impl Device for Bare {
         let servo = self.servo.as_mut().unwrap();
         match input {
             Input::Edge { pin, high } => servo.edge(at, (pin == HALLS[0]) != self.swapped, high),
-            Input::MotorCurrent { ma, .. } => servo.draws(ma),
-            Input::Motor { parameters, .. } => servo.motor(parameters),
-            Input::Rotation { rotation, .. } => servo.turns(at, rotation),
+            Input::MotorCurrent { .. } | Input::Motor { .. } | Input::Rotation { .. } => {
+                servo.report(at, &input);
+            }
             _ => {}
         }
         self.errors |= servo.errors();

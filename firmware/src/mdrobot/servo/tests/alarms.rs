@@ -21,14 +21,14 @@ fn a_shaft_that_is_held_is_a_stall() {
     for rpm in [60, 300, -1_000, 3_000] {
         let mut bench = turning(Settings::FACTORY, MOTOR, rpm);
         bench.hold(true);
-        assert_alarm(&mut bench, 990, 3_500, status::STALL);
+        assert_alarm(&mut bench, 990, 3_500, Alarm::Stall as u16);
         // The output for 20 A in the winding, which is 6 of 24 V.
         assert!((bench.servo.output(bench.now).abs() - 256).abs() <= 10, "{}", bench.servo.output(bench.now));
     }
     let mut bench = Bench::new(Settings::FACTORY, MOTOR);
     bench.hold(true);
     bench.order(Order::Position { count: 10, rpm: 1_000 });
-    assert_alarm(&mut bench, 990, 3_500, status::STALL);
+    assert_alarm(&mut bench, 990, 3_500, Alarm::Stall as u16);
 }
 
 #[test]
@@ -36,7 +36,7 @@ fn a_current_at_max_load_is_an_overload() {
     let mut bench = Bench::new(Settings::FACTORY, MOTOR);
     bench.hold(true);
     bench.order(Order::Torque(1_023));
-    assert_alarm(&mut bench, 3_900, 4_100, status::OVER_LOAD);
+    assert_alarm(&mut bench, 3_900, 4_100, Alarm::OverLoad as u16);
     // 2 A are 0.12 Nm, of which 0.01 Nm is friction.
     let settings = Settings { limit_ma: 2_000, ..Settings::FACTORY };
     let mut bench = turning(settings, MOTOR, 1_500);
@@ -45,7 +45,7 @@ fn a_current_at_max_load_is_an_overload() {
     bench.order(Order::Velocity(2_500));
     bench.load(109_000);
     let alarm = alarm(&mut bench, 10_000);
-    assert!(alarm.is_some_and(|(_, bits)| bits & status::OVER_LOAD != 0), "{alarm:?}");
+    assert!(alarm.is_some_and(|(_, bits)| bits & Alarm::OverLoad as u16 != 0), "{alarm:?}");
 }
 
 #[test]
@@ -54,7 +54,7 @@ fn a_speed_that_does_not_come_is_a_failure_of_control() {
     let settings = Settings { limit_ma: 500, ..Settings::FACTORY };
     let mut bench = Bench::new(settings, Parameters { inertia_gcm2: 100_000, ..MOTOR });
     bench.order(Order::Velocity(2_000));
-    assert_alarm(&mut bench, 2_900, 3_100, status::CTRL_FAIL);
+    assert_alarm(&mut bench, 2_900, 3_100, Alarm::CtrlFail as u16);
 }
 
 #[test]
@@ -65,7 +65,7 @@ fn a_reference_of_zero_is_no_failure_of_control() {
     bench.order(Order::Velocity(0));
     bench.load(-60_000);
     bench.run_ms(3_900);
-    assert!(bench.real_rpm() > 10.0 && bench.alarms & status::CTRL_FAIL == 0, "{}", bench.alarms);
+    assert!(bench.real_rpm() > 10.0 && bench.alarms & Alarm::CtrlFail as u16 == 0, "{}", bench.alarms);
 }
 
 #[test]
@@ -74,7 +74,7 @@ fn swapped_wires_turn_it_against_its_reference() {
         let mut bench = Bench::new(Settings::FACTORY, MOTOR);
         bench.servo.swap(bench.now, true, &mut Wires(&mut bench.wires));
         bench.order(Order::Velocity(rpm));
-        assert_alarm(&mut bench, 500, 700, status::INV_VEL);
+        assert_alarm(&mut bench, 500, 700, Alarm::InvVel as u16);
         // The loop accelerates the shaft more and more in the wrong direction.
         let sign = rpm.signum();
         assert!(bench.real_rpm() * f64::from(sign) < -300.0 && bench.rpm() * sign < -300);
@@ -85,7 +85,7 @@ fn swapped_wires_turn_it_against_its_reference() {
     // The wires are swapped while the motor turns.
     let mut bench = turning(Settings::FACTORY, MOTOR, 1_000);
     bench.servo.swap(bench.now, true, &mut Wires(&mut bench.wires));
-    assert_alarm(&mut bench, 500, 900, status::INV_VEL);
+    assert_alarm(&mut bench, 500, 900, Alarm::InvVel as u16);
 }
 
 #[test]
@@ -107,7 +107,7 @@ fn a_reversal_or_a_stop_is_no_alarm_however_long_it_takes() {
                 bench.order(Order::Velocity(target));
                 bench.run_ms(1_000 * seconds);
                 // A current at its limit for 4 s is a real overload, so that alarm is allowed.
-                let alarms = bench.alarms & !status::OVER_LOAD;
+                let alarms = bench.alarms & !(Alarm::OverLoad as u16);
                 assert_eq!(alarms, 0, "{target}, {limit_ma} mA, {motor:?}");
                 assert!((bench.real_rpm() - f64::from(target)).abs() < 20.0, "{}", bench.real_rpm());
             }
@@ -120,7 +120,7 @@ fn a_broken_hall_sensor_is_noticed() {
     let mut bench = turning(Settings::FACTORY, MOTOR, 300);
     bench.servo.cut(bench.now, true, false);
     // All three sensors are high once in a period, 1/600 min.
-    assert_alarm(&mut bench, 0, 101, status::HALL_FAIL);
+    assert_alarm(&mut bench, 0, 101, Alarm::HallFail as u16);
     // The sensors are reported as broken in every ms while the code lasts. Within a period of 10 ms, HU is
     // high for half, and all three for a sixth.
     while !bench.servo.halls_are_broken() {
@@ -171,12 +171,12 @@ fn a_silent_encoder_is_noticed() {
     let settings = Settings { enc_ppr: 500, ..Settings::FACTORY };
     let mut bench = Bench::new(settings, MOTOR);
     bench.order(Order::Velocity(500));
-    assert_alarm(&mut bench, 600, 900, status::HALL_FAIL | status::ENCODER_FAIL);
+    assert_alarm(&mut bench, 600, 900, Alarm::HallFail as u16 | Alarm::EncoderFail as u16);
     assert_eq!(bench.rpm(), 0);
 
     let mut bench = turning(settings, Parameters { encoder_cycles: 500, ..MOTOR }, 500);
     bench.servo.cut(bench.now, false, true);
-    assert_alarm(&mut bench, 590, 700, status::HALL_FAIL | status::ENCODER_FAIL);
+    assert_alarm(&mut bench, 590, 700, Alarm::HallFail as u16 | Alarm::EncoderFail as u16);
 }
 
 #[test]

@@ -10,9 +10,9 @@ use std::format;
 use std::vec::Vec;
 
 use super::*;
-use crate::device::{Duration, Shaft};
-use crate::mdrobot::alarm::status;
-use crate::motor::{self, Command, Motor, Plant, Report, Reports};
+use crate::device::{Rotation, Shaft};
+use crate::mdrobot::alarm::Alarm;
+use crate::motor::{self, Command, Motor, Parameters, Plant, Report, Reports};
 
 /// The motor of the drive: 24 V, 0.06 Nm/A, 0.3 Ω.
 const MOTOR: Parameters = Parameters {
@@ -107,10 +107,12 @@ impl Bench {
                 Wire::Current(ma) => self.motor.command(at, Command::CurrentLimit(ma), &mut out),
                 Wire::MotorCurrent(ma) => {
                     self.most_ma = self.most_ma.max(ma.unsigned_abs());
-                    self.servo.draws(ma);
+                    self.servo.report(at, &Input::MotorCurrent { axis: AXIS, ma });
                 }
-                Wire::Motor(parameters) => self.servo.motor(&parameters),
-                Wire::Rotation(rotation) => self.servo.turned(at, rotation),
+                Wire::Motor(parameters) => {
+                    self.servo.report(at, &Input::Motor { axis: AXIS, parameters: &parameters });
+                }
+                Wire::Rotation(rotation) => self.servo.report(at, &Input::Rotation { axis: AXIS, rotation }),
                 Wire::Sensor(sensor, high) => self.servo.edge(at, sensor, high),
             }
         }
@@ -141,7 +143,7 @@ impl Bench {
             }
             self.alarms |= self.servo.alarms();
             if self.servo.halls_are_broken() {
-                self.alarms |= status::HALL_FAIL;
+                self.alarms |= Alarm::HallFail as u16;
             }
         }
         self.now = end;

@@ -121,9 +121,9 @@ fn wild_registers_and_orders_do_no_harm() {
         ] {
             bench.order(order);
             bench.run_ms(200);
-            bench.servo.draws(i32::MIN);
+            bench.servo.report(bench.now, &Input::MotorCurrent { axis: AXIS, ma: i32::MIN });
             bench.run_ms(10);
-            bench.servo.draws(i32::MAX);
+            bench.servo.report(bench.now, &Input::MotorCurrent { axis: AXIS, ma: i32::MAX });
             bench.run_ms(10);
         }
         // The servo still obeys orders afterwards.

@@ -164,7 +164,7 @@ fn no_gain_and_no_limit_make_it_stick_on_the_way() {
                     assert!(settles || accelerates > off / 10.0, "off by {off}: {what}");
                     assert!(settles || p_gain < 6_000, "off by {off}: {what}");
                     // A current at its limit for 4 s is a real overload, so that alarm is allowed.
-                    assert_eq!(bench.alarms & !status::OVER_LOAD, 0, "{what}");
+                    assert_eq!(bench.alarms & !(Alarm::OverLoad as u16), 0, "{what}");
                 }
             }
         }

@@ -12,8 +12,8 @@ mod speed_input;
 
 use drivetwin_protocol::time::Span;
 
-use crate::device::{Boot, Duration, Instant, NullContext, Pin};
-use crate::mdrobot::drive::Drive;
+use super::Drive;
+use crate::device::{Boot, Duration, Input, Instant, NullContext, Pin};
 use crate::mdrobot::registers::Pid;
 use crate::mdrobot::servo::Order;
 use crate::mdrobot::{
@@ -47,7 +47,7 @@ impl Dut {
 
     /// Ends the start-up.
     fn start(&mut self) {
-        self.now = self.drive.startup_due();
+        self.now = self.drive.startup.deadline();
         self.drive.timeout(self.now, &mut NullContext);
     }
 
@@ -69,12 +69,25 @@ impl Dut {
     /// Advances the time. Deadlines of inputs and functions are handled in time.
     fn wait(&mut self, span: Duration) {
         let end = self.now + span;
-        while self.drive.sources_due() <= end {
-            let due = self.drive.sources_due();
+        while self.sources_due() <= end {
+            let due = self.sources_due();
             self.drive.sources_timeout(due, &mut NullContext);
-            assert!(self.drive.sources_due() > due, "it wants to be woken for ever");
+            assert!(self.sources_due() > due, "it wants to be woken for ever");
         }
         self.now = end;
+    }
+
+    fn sources_due(&self) -> Instant {
+        self.drive.inputs.deadline().min(self.drive.reference.deadline())
+    }
+
+    fn input(&mut self, input: Input<'_>) {
+        self.drive.input(self.now, &input, &mut NullContext);
+    }
+
+    /// Begins or ends an alarm.
+    fn alarm(&mut self, on: bool) {
+        self.input(Input::Fault { fault: OVER_VOLTAGE, on });
     }
 
     /// Writes a value that the bus may write.
@@ -87,7 +100,7 @@ impl Dut {
     }
 
     fn edge(&mut self, pin: Pin, high: bool) {
-        self.drive.edge(self.now, pin, high, &mut NullContext);
+        self.input(Input::Edge { pin, high });
     }
 
     /// Closes a contact to ground.
@@ -102,11 +115,11 @@ impl Dut {
 
     /// Removes a wire.
     fn unwire(&mut self, pin: Pin) {
-        self.drive.opened(self.now, pin, &mut NullContext);
+        self.input(Input::Open { pin });
     }
 
     fn volts(&mut self, mv: i32) {
-        self.drive.voltage(self.now, mv, &mut NullContext);
+        self.input(Input::Millivolts { pin: SPEED_IN, mv });
     }
 
     /// Puts successive pulses of a width at a pin.

@@ -87,7 +87,7 @@ fn fast_pulses_at_speed_in_count_by_their_duty() {
     assert_eq!(dut.rpm(), 3_000);
     dut.edge(SPEED_IN, false);
     dut.wait(200.micros());
-    assert_eq!((dut.rpm(), dut.drive.sources_due()), (0, Instant::NEVER));
+    assert_eq!((dut.rpm(), dut.sources_due()), (0, Instant::NEVER));
 }
 
 #[test]
@@ -127,7 +127,7 @@ fn pulses_that_cease_are_zero() {
     dut.wait(3_996.micros() - Duration::TICK);
     assert_eq!(dut.rpm(), 1_484);
     dut.wait(Duration::TICK);
-    assert_eq!((dut.rpm(), dut.drive.sources_due()), (0, Instant::NEVER));
+    assert_eq!((dut.rpm(), dut.sources_due()), (0, Instant::NEVER));
     dut.close(DIR);
     dut.pulses(PULSE_IN, 1_001, 1.micros(), 4.micros());
     assert_eq!(dut.rpm(), -1_484, "DIR is their way");

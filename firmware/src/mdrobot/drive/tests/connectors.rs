@@ -129,12 +129,12 @@ fn an_alarm_is_cleared_by_its_contact_and_start_stop_has_to_be_off() {
     let mut dut = Dut::connected();
     dut.volts(5_000);
     dut.close(START_STOP);
-    dut.drive.set_fault(dut.now, OVER_VOLTAGE, true, &mut NullContext);
+    dut.alarm(true);
     assert_eq!(dut.order(), Order::Free);
     dut.close(ALARM_RESET);
     dut.open(ALARM_RESET);
     assert_ne!(dut.get(Pid::CTRL_STATUS), 0, "the cause is there");
-    dut.drive.set_fault(dut.now, OVER_VOLTAGE, false, &mut NullContext);
+    dut.alarm(false);
     // A signal that changes to ON during an alarm starts nothing.
     dut.open(START_STOP);
     dut.close(START_STOP);
@@ -150,8 +150,8 @@ fn run_brake_brakes_what_was_dropped_too() {
     let drop: [fn(&mut Dut); 2] = [
         |dut| dut.set(Pid::TQ_OFF, 0),
         |dut| {
-            dut.drive.set_fault(dut.now, OVER_VOLTAGE, true, &mut NullContext);
-            dut.drive.set_fault(dut.now, OVER_VOLTAGE, false, &mut NullContext);
+            dut.alarm(true);
+            dut.alarm(false);
             dut.set(Pid::ALARM_RESET, 0);
         },
     ];
@@ -178,10 +178,10 @@ fn run_brake_brakes_what_was_dropped_too() {
 #[test]
 fn run_brake_that_is_off_brakes_after_an_alarm_and_when_the_connectors_take_over() {
     let mut dut = Dut::ready();
-    dut.drive.set_fault(dut.now, OVER_VOLTAGE, true, &mut NullContext);
+    dut.alarm(true);
     dut.set(Pid::ALARM_RESET, 0);
     assert_eq!(dut.order(), Order::Free, "the alarm is still there");
-    dut.drive.set_fault(dut.now, OVER_VOLTAGE, false, &mut NullContext);
+    dut.alarm(false);
     dut.set(Pid::ALARM_RESET, 0);
     assert_eq!(dut.order(), Order::Brake);
     dut.set(Pid::TQ_OFF, 0);

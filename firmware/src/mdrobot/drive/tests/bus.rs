@@ -283,14 +283,14 @@ fn a_command_before_the_start_is_over_is_kept_for_reading_only() {
 fn an_alarm_drops_the_reference_and_the_next_command_drives() {
     let mut dut = Dut::armed();
     dut.set(Pid::VEL_CMD, 500);
-    dut.drive.set_fault(dut.now, OVER_VOLTAGE, true, &mut NullContext);
+    dut.alarm(true);
     assert_eq!(dut.order(), Order::Free);
     for (pid, value) in [(Pid::VEL_CMD, 500), (Pid::POSI_CMD, 500), (Pid::BRAKE, 0), (Pid::START_STOP, 0)] {
         dut.set(pid, value);
         assert_eq!(dut.order(), Order::Free, "{pid:?}");
     }
     dut.set(Pid::START_STOP, 1);
-    dut.drive.set_fault(dut.now, OVER_VOLTAGE, false, &mut NullContext);
+    dut.alarm(false);
     dut.set(Pid::ALARM_RESET, 0);
     assert_eq!(dut.order(), Order::Free);
     dut.set(Pid::VEL_CMD, 500);
@@ -303,9 +303,9 @@ fn nothing_is_followed_after_an_alarm_whoever_commands_by_then() {
     dut.close(RUN_BRAKE);
     dut.set(Pid::VEL_CMD, 500);
     for ui_com in [0, 1] {
-        dut.drive.set_fault(dut.now, OVER_VOLTAGE, true, &mut NullContext);
+        dut.alarm(true);
         dut.set(Pid::UI_COM, ui_com);
-        dut.drive.set_fault(dut.now, OVER_VOLTAGE, false, &mut NullContext);
+        dut.alarm(false);
         dut.set(Pid::ALARM_RESET, 0);
         assert_eq!(dut.order(), Order::Free, "{ui_com}");
         dut.set(Pid::TQ_CTRL, 1);
