@@ -229,15 +229,18 @@ impl Drive {
         self.update_hybrid(at, out);
         // Whatever has changed PY.
         self.mcode.consoles.set_party(self.bank.is_party());
-        let plan_changed = self.motion.has_changed();
+        let plan_changed = self.motion.shaft_mut().has_changed();
         if plan_changed || self.io.wants_plan() {
-            self.io.plan(at, self.motion.plan(), out);
+            self.io.plan(at, self.motion.shaft().plan(), out);
         }
         if plan_changed || self.hybrid.deadline() <= at {
             self.run_hybrid(at, out, Hybrid::watch_position);
         }
-        if plan_changed || self.mcode.trips.deadline() <= at || self.mcode.trips.is_on_counts(&self.motion) {
-            let made = self.mcode.trips.check(at, &self.motion);
+        if plan_changed
+            || self.mcode.trips.deadline() <= at
+            || self.mcode.trips.is_on_counts(self.motion.shaft())
+        {
+            let made = self.mcode.trips.check(at, self.motion.shaft());
             self.carry_out_trips(at, made, out);
         }
         if !self.motion.is_moving() {
@@ -265,13 +268,13 @@ impl Drive {
             io::Event::Contact(contact, active) => self.motion.contact(at, contact, active, out),
             _ if !self.is_started() => {}
             io::Event::Clock(steps) => {
-                let from = self.motion.steps(at);
+                let from = self.motion.shaft().steps(at);
                 self.motion.follow(at, steps, out);
-                let made = self.mcode.trips.on_steps(at, from, &self.motion);
+                let made = self.mcode.trips.on_steps(at, from, self.motion.shaft());
                 self.carry_out_trips(at, made, out);
             }
             io::Event::Active(_) | io::Event::Capture => {
-                let made = self.mcode.trips.on_io_event(at, event, &self.motion);
+                let made = self.mcode.trips.on_io_event(at, event, self.motion.shaft());
                 self.carry_out_trips(at, made, out);
             }
             io::Event::Go => {
@@ -311,7 +314,7 @@ impl Drive {
 
     /// Trips TA if one of these conditions of the Hybrid is selected.
     pub(super) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
-        let made = self.mcode.trips.on_status(at, flags, &self.motion);
+        let made = self.mcode.trips.on_status(at, flags, self.motion.shaft());
         self.carry_out_trips(at, made, out);
     }
 

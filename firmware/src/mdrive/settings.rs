@@ -20,9 +20,7 @@ pub(super) fn set_motion(
 ) {
     let settings = motion_settings(registers, Some(io));
     let enabled = settings.enabled && !is_disabled;
-    let lacked_bridge = motion.lacks_bridge();
-    motion.set(at, motion::Settings { enabled, ..settings }, out);
-    if motion.lacks_bridge() && !lacked_bridge {
+    if motion.set(at, motion::Settings { enabled, ..settings }, out) {
         // "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50).
         registers.set(Reg::MU, 0);
     }

@@ -43,7 +43,7 @@ impl Drive {
         let good = self.load(out);
         self.io.power_on(at, whole, out);
         if whole {
-            self.motion.unplug(at);
+            self.motion.shaft_mut().unplug(at);
         }
         self.motion.power_on(at, motion_settings(&self.bank, Some(&self.io)), out);
         self.apply_variables(at, out);

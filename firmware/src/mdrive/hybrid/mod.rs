@@ -217,10 +217,10 @@ impl Hybrid {
         if self.position_due <= at {
             self.events.push(Event::Failed(Error::MaximumPosition));
         }
-        let steps = motion.steps(at);
+        let steps = motion.shaft().steps(at);
         // The step from one end of the range to the other does not count as reaching it.
         let ends = [i32::MIN, i32::MAX].into_iter().filter(|&end| end != !steps);
-        let dues = ends.map(|end| motion.reaches_steps(at, end)).filter(|&due| due > at);
+        let dues = ends.map(|end| motion.shaft().reaches_steps(at, end)).filter(|&due| due > at);
         self.position_due = dues.min().unwrap_or(Instant::NEVER);
     }
 

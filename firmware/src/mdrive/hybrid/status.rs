@@ -76,14 +76,14 @@ impl Hybrid {
 
     /// Returns true if the circuitry corrects the rotor at present.
     pub(in crate::mdrive) fn corrects_rotor(&self, motion: &Motion) -> bool {
-        self.at_bounds.is_some() || self.rotor != Rotor::Free || motion.is_too_fast()
+        self.at_bounds.is_some() || self.rotor != Rotor::Free || motion.shaft().is_too_fast()
     }
 
     /// LL, the lag in steps. It is 0 in torque mode and until the rotor is at rest after it, during a
     /// calibration, and while the circuitry is off.
     pub(in crate::mdrive) fn lag(&self, at: Instant, registers: &Registers, motion: &Motion) -> i32 {
         let is_bound = self.watches_rotor(registers) && !is_in_torque_mode(registers) && !self.turns();
-        if is_bound { motion.lag(at) } else { 0 }
+        if is_bound { motion.shaft().lag(at) } else { 0 }
     }
 
     /// Returns true if the circuitry controls the rotor.

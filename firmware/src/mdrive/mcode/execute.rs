@@ -158,8 +158,8 @@ impl Drive {
         self.bank.set(Reg::SerialCommands, serial);
         self.mcode.names = Names::new();
         self.apply_variables(at, out);
-        self.motion.set_steps(at, 0);
-        self.motion.set_counts(at, 0);
+        self.motion.shaft_mut().set_steps(at, 0);
+        self.motion.shaft_mut().set_counts(at, 0);
         // From here until all of the memory is reset, it fails its test.
         self.saving.begin(at, &mut self.bank, &self.mcode.names, out);
         self.mcode.program.clear(at, 1, out);

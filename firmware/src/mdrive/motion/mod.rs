@@ -5,162 +5,89 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `motor` | the plan that turns the motor, its shaft, its current |
+//! | `settings`, `scale` | settings; steps and counts |
+//! | `shaft` | the shaft: the motor's plan and current, encoder, C1 and C2, the rotor's lag |
 //! | `response` | SS: the maximum speed of a Hybrid's rotor |
 //! | `encoder` | the encoder on the shaft, or a remote one |
-//! | `scale` | steps and counts |
-//! | `orders` | moves and slews, and how one follows another |
-//! | `pause` | PS and RS |
-//! | `jog` | motion by jog contacts |
-//! | `limits` | contacts, and stops at limits |
+//! | `activity` | the present activity, and commands |
+//! | `queue` | the waiting task; PS and RS |
+//! | `contacts` | home switch, limits and jog contacts |
 //! | `home` | homing to a switch or to the index |
-//! | `closed` | EE = 1: stalls, corrections, position maintenance |
 //! | `follow` | clock inputs |
-//! | `readback` | values of variables |
-//! | `circuit` | motion by a Hybrid's circuitry |
+//! | `closed` | EE = 1: stalls, positions that are off |
+//! | `current` | RC and HC |
+//! | `events` | events for the rest of the drive |
+//! | `orders` | how one activity follows another |
+//!
+//! The parts own their state, do not know [`Motion`], and return what follows. This file takes the inputs;
+//! `orders` acts on them and on what the parts return. Each input ends with `refresh`.
 
-mod circuit;
+mod activity;
 mod closed;
+mod contacts;
+mod current;
 mod encoder;
+mod events;
 mod follow;
 mod home;
-mod jog;
-mod limits;
-mod motor;
 mod orders;
-mod pause;
-mod readback;
+mod queue;
 mod response;
 mod scale;
+mod settings;
+mod shaft;
 #[cfg(test)]
 mod tests;
 
-use heapless::Deque;
+use fixed::types::I24F8;
 
+pub(super) use self::activity::Order;
+use self::activity::{Activity, Preemption};
 use self::closed::Closed;
+pub(super) use self::contacts::Contact;
+use self::contacts::Contacts;
+use self::current::Current;
 pub(super) use self::encoder::Channel;
-use self::encoder::Encoder;
+pub(super) use self::events::Event;
+use self::events::Events;
 use self::follow::Follow;
-use self::motor::Motor;
-use self::orders::{Activity, Task};
+use self::orders::Brake;
+use self::queue::Queue;
+pub(super) use self::settings::Settings;
+pub(super) use self::shaft::Shaft;
 use super::error::Error;
 use super::reasons::Why;
-use crate::device::{Context, Duration, Instant};
-use crate::motor::stepper::StepperParameters;
+use crate::device::{Context, Instant, Plan};
+use crate::motion::Limits;
 
-/// Settings of the motion: present values of variables.
+/// Motion that a Hybrid's circuitry makes on its own. C1 does not count it (MC 5-9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) struct Settings {
-    /// Initial speed VI and maximum speed VM, in steps/s or counts/s.
-    pub(super) start: u32,
-    pub(super) speed: u32,
-    /// Acceleration A and deceleration D.
-    pub(super) up: u32,
-    pub(super) down: u32,
-    /// MS: microsteps in a full step.
-    pub(super) microsteps: u16,
-    /// Settling time MT and delay HT to the holding current, in ms.
-    pub(super) settle_ms: u16,
-    pub(super) hold_delay_ms: u16,
-    /// Run current RC and holding current HC, in %.
-    pub(super) run_percent: u8,
-    pub(super) hold_percent: u8,
-    /// DE: true if the output bridge is on.
-    pub(super) enabled: bool,
-    /// Maximum speed of the rotor, in steps/s: SS of a Hybrid with AS 1 and 2.
-    pub(super) response: u32,
-    /// True if the circuitry keeps the field next to a rotor that does not follow: AS of a Hybrid is not 0.
-    pub(super) keeps_field: bool,
-    /// LM: reaction to a limit, 1 to 6.
-    pub(super) limit_mode: u8,
-    /// Debounce time of the home switch, one of D1 to D4, in ms.
-    pub(super) home_debounce_ms: u8,
-    /// JE: true if jog contacts turn the motor.
-    pub(super) jogs: bool,
-    /// CM with clock inputs: limits and jog have no effect.
-    pub(super) follows_clock: bool,
-    /// Clock ratio CR, in thousandths.
-    pub(super) ratio: u16,
-    /// EE: true if the user's units are counts. EL: lines of the encoder.
-    pub(super) closed: bool,
-    pub(super) lines: u16,
-    /// Deadband DB and stall factor SF, in counts; SM: continue after a stall; PM: position maintenance.
-    pub(super) deadband: u16,
-    pub(super) stall_factor: u16,
-    pub(super) goes_on_stalled: bool,
-    pub(super) maintains: bool,
-    /// The motor and its load.
-    pub(super) machine: StepperParameters,
-}
-
-/// Motion command. Positions and speeds are in the user's units: steps, or counts with EE = 1.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Order {
-    /// MA: move to a position.
-    To { position: i32, notify_on_end: bool, continuous: bool },
-    /// MR: move by a distance.
-    By { distance: i32, notify_on_end: bool, continuous: bool },
-    /// SL: turn at this speed.
-    Slew(i32),
-    /// HM: homing to the switch, with type 1 to 4.
-    Home(u8),
-    /// HI: homing to the index, with type 1 to 4.
-    HomeToIndex(u8),
-}
-
-/// Contacts that the motion uses, each of them active or not.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Contact {
-    Home,
-    PlusLimit,
-    MinusLimit,
-    JogPlus,
-    JogMinus,
-}
-
-/// Events of the motion for the rest of the drive.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Event {
-    /// An error.
-    Failed(Error),
-    /// A limit also stops the program (LM 3, 6).
-    StopsProgram,
-    /// A move with parameter 2 has ended: the drive sends its name.
-    Announce,
+pub(super) enum Circuit {
+    /// Turns the shaft by a number of steps. A motion command ends it.
+    Turn { steps: i32, rates: Limits },
+    /// Turns the shaft without end, from its present speed on, and ignores motion commands. The shaft has inertia,
+    /// so it does not stop when the bridge is switched off.
+    Spin { speed: I24F8, acceleration: u32 },
+    /// Slows down a spinning shaft. A motion command waits until the shaft is at rest.
+    Slow { deceleration: u32 },
 }
 
 /// The motor, and the state of its motion.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
     settings: Settings,
-    motor: Motor,
-    encoder: Encoder,
-    /// Offset of C1 to the position of the plan, and of C2 to the count of the encoder.
-    c1: i32,
-    c2: i32,
-    /// Lag of the rotor, in steps, at which a Hybrid reports a lag of 0.
-    lag_origin: i32,
+    shaft: Shaft,
     activity: Activity,
     /// Deadline of the activity.
     due: Instant,
-    /// Task that begins when the present motion has ended.
-    waiting: Option<Task>,
-    /// PS: no motion begins before RS. `left` is the interrupted task.
-    paused: bool,
-    left: Option<Task>,
-    /// Active contacts, one bit each.
-    contacts: u8,
+    queue: Queue,
+    contacts: Contacts,
     closed: Closed,
     follow: Follow,
     /// Time at which the index changes during a homing to the index.
     index_due: Instant,
-    on_index: bool,
-    /// Time since which the motor has been at rest.
-    rested: Instant,
-    /// True if the current is that of HC.
-    holds: bool,
-    events: Deque<Event, 8>,
-    changed: bool,
+    current: Current,
+    events: Events,
 }
 
 impl Motion {
@@ -168,26 +95,17 @@ impl Motion {
     /// encoder.
     pub(super) fn new(settings: Settings) -> Self {
         Self {
+            shaft: Shaft::new(&settings),
             settings,
-            motor: Motor::new(settings.microsteps),
-            encoder: Encoder::new(settings.lines),
-            c1: 0,
-            c2: 0,
-            lag_origin: 0,
             activity: Activity::Rest,
             due: Instant::NEVER,
-            waiting: None,
-            paused: false,
-            left: None,
-            contacts: 0,
+            queue: Queue::EMPTY,
+            contacts: Contacts::NONE,
             closed: Closed::NEW,
             follow: Follow::NEW,
             index_due: Instant::NEVER,
-            on_index: false,
-            rested: Instant::ZERO,
-            holds: true,
-            events: Deque::new(),
-            changed: false,
+            current: Current::at_power_on(Instant::ZERO),
+            events: Events::NONE,
         }
     }
 
@@ -195,67 +113,51 @@ impl Motion {
     /// encoder, and the blocking of the shaft. Contacts that are active follow as events.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
         self.settings = settings;
-        self.motor.set_microsteps(at, settings.microsteps);
-        self.motor.load(at, settings.machine);
-        self.motor.keep_field(at, settings.keeps_field);
-        self.motor.limit(at, settings.response, out);
-        self.motor.power_on(at, out);
-        (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
-        self.enter_rest(at);
-        self.waiting = None;
-        (self.paused, self.left) = (false, None);
-        self.contacts = 0;
+        self.shaft.power_on(at, &settings, out);
+        (self.activity, self.due) = (Activity::Rest, Instant::NEVER);
+        (self.queue, self.contacts) = (Queue::EMPTY, Contacts::NONE);
         (self.closed, self.follow) = (Closed::NEW, Follow::NEW);
-        self.keep(at);
-        self.holds = true;
-        self.events.clear();
-        self.clear_lag(at);
+        self.closed.keep(at, &self.shaft, &self.settings);
+        self.current = Current::at_power_on(at);
+        self.events = Events::NONE;
         self.refresh(at, out);
     }
 
-    /// Disconnects the remote encoder.
-    pub(super) fn unplug(&mut self, at: Instant) {
-        for channel in [Channel::A, Channel::B, Channel::Index] {
-            self.encoder.channel(at, &self.motor, channel, None);
-        }
-    }
-
     /// Applies new values of variables. A move in progress keeps the speed and the ramps with which it began
-    /// (MDRIVE-17).
-    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
+    /// (MDRIVE-17). Returns true if the bridge goes off although the circuitry is on.
+    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) -> bool {
         let before = core::mem::replace(&mut self.settings, settings);
         if settings == before {
-            return;
+            return false;
         }
-        self.motor.set_microsteps(at, settings.microsteps);
-        self.motor.load(at, settings.machine);
-        self.motor.keep_field(at, settings.keeps_field);
-        self.motor.limit(at, settings.response, out);
+        self.shaft.set(at, &settings, out);
         let is_another = settings.machine.steps_per_rev != before.machine.steps_per_rev;
         if is_another {
-            self.clear_lag(at);
+            self.shaft.clear_lag(at);
         }
         if is_another || (settings.closed, settings.lines) != (before.closed, before.lines) {
-            self.watch_from(at);
+            self.closed.begin(at, &self.shaft);
         }
         if (settings.closed && settings.maintains) != (before.closed && before.maintains) {
-            self.keep(at);
+            self.closed.keep(at, &self.shaft, &self.settings);
         }
-        if (settings.follows_clock, settings.follows_at_once())
-            != (before.follows_clock, before.follows_at_once())
-        {
-            self.end_following(at, out);
+        // CM has changed, or CR between with ramps and without ramps (MDRIVE-33).
+        let ends_following = (settings.follows_clock, settings.follows_at_once())
+            != (before.follows_clock, before.follows_at_once());
+        if ends_following && self.activity == Activity::Follows {
+            self.brake(at, Brake::Ramp { at_once: false }, out);
         }
-        self.permit_jog(at, before.jogs, out);
+        // JE = 0 ends a jog. JE = 1 begins one if a contact is active already.
+        match self.activity {
+            Activity::Jogs { .. } if !settings.jogs => self.brake(at, Brake::Ramp { at_once: false }, out),
+            Activity::Rest if settings.jogs && !before.jogs => self.begin_jog(at, out),
+            _ => {}
+        }
         if settings.enabled && !before.enabled {
             self.maintain(at, out);
         }
         self.refresh(at, out);
-    }
-
-    /// Returns true if the bridge is off although the circuitry is on (MC 5-50).
-    pub(super) fn lacks_bridge(&self) -> bool {
-        self.settings.keeps_field && !self.settings.enabled
+        settings.lacks_bridge() && !before.lacks_bridge()
     }
 
     /// Executes a motion command.
@@ -269,35 +171,99 @@ impl Motion {
         order: Order,
         out: &mut dyn Context,
     ) -> Result<Result<(), Why>, Error> {
+        if let Activity::CircuitDriven { preemption: Preemption::AtOnce, .. } = self.activity {
+            self.end_circuit(at, out);
+        }
         let begins = self.begin_order(at, order, out)?;
         self.refresh(at, out);
         Ok(begins)
     }
 
-    /// Checks that the present motion uses new values of A, D and VI, or of VM (`is_speed`).
-    ///
-    /// # Errors
-    /// The motion keeps the values with which it began (MDRIVE-17).
-    pub(super) fn needs_rates(&self, is_speed: bool) -> Result<(), Why> {
-        match self.activity {
-            Activity::Moves(_) => Err(Why::KeepsRates),
-            Activity::Slews(_) if is_speed => Err(Why::SlewHasSpeed),
-            Activity::Slews(_) => Err(Why::NextSpeed),
-            _ => Ok(()),
-        }
-    }
-
     /// Stops any motion with the deceleration D.
     pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
         self.clear_waiting();
-        self.ramp_down(at, false, out);
+        self.brake(at, Brake::Ramp { at_once: false }, out);
         self.refresh(at, out);
     }
 
     /// Stops any motion without a ramp (Esc).
     pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
         self.clear_waiting();
-        self.stop_at_once(at, out);
+        self.brake(at, Brake::Halt, out);
+        self.refresh(at, out);
+    }
+
+    /// Drops the waiting task and the task that PS has interrupted. A pause ends without RS.
+    pub(super) fn clear_waiting(&mut self) {
+        self.queue = Queue::EMPTY;
+    }
+
+    /// PS: stops with D and stores the rest of the motion.
+    pub(super) fn pause(&mut self, at: Instant, out: &mut dyn Context) {
+        self.queue.pause(self.activity.task());
+        if !matches!(self.activity, Activity::Settles(_)) {
+            self.brake(at, Brake::Ramp { at_once: false }, out);
+        }
+        self.refresh(at, out);
+    }
+
+    /// RS: continues with the stored motion.
+    pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Context) {
+        if !self.queue.resume() {
+            return;
+        }
+        match self.queue.take_interrupted() {
+            Some(task) if self.activity.is_rest() => {
+                self.begin(at, task, out);
+                // A limit may have prevented the start of the task.
+                if self.activity.is_rest() {
+                    self.over(at, out);
+                }
+            }
+            // Another motion was commanded meanwhile.
+            Some(task) => {
+                self.queue.set(Some(task));
+                if self.activity.is_endless() {
+                    self.brake(at, Brake::Ramp { at_once: true }, out);
+                }
+            }
+            None if self.activity.is_rest() => self.over(at, out),
+            None => {}
+        }
+        self.refresh(at, out);
+    }
+
+    /// Handles a contact that becomes active or inactive.
+    pub(super) fn contact(&mut self, at: Instant, contact: Contact, active: bool, out: &mut dyn Context) {
+        if !self.contacts.set(contact, active) {
+            return;
+        }
+        match contact {
+            Contact::PlusLimit if active => self.limit(at, false, out),
+            Contact::MinusLimit if active => self.limit(at, true, out),
+            Contact::PlusLimit | Contact::MinusLimit => {}
+            // `refresh` looks at the mark.
+            Contact::Home => {}
+            Contact::JogPlus | Contact::JogMinus => self.jog(at, active, out),
+        }
+        self.refresh(at, out);
+    }
+
+    /// Makes steps that the clock inputs request. They are ignored during any other motion.
+    pub(super) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
+        let begins = self.activity.is_rest();
+        if !self.settings.follows_clock || !begins && self.activity != Activity::Follows {
+            return;
+        }
+        if begins {
+            self.closed.begin(at, &self.shaft);
+            self.follow = Follow::begin(at, self.shaft.position(at));
+            self.enter(Activity::Follows, at + follow::CHECK_PERIOD);
+        }
+        self.follow.take(at, steps);
+        if self.settings.follows_at_once() {
+            self.shaft.step(at, steps, out);
+        }
         self.refresh(at, out);
     }
 
@@ -309,59 +275,94 @@ impl Motion {
         level: Option<bool>,
         out: &mut dyn Context,
     ) {
-        self.encoder.channel(at, &self.motor, channel, level);
+        self.shaft.set_channel(at, channel, level);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
     /// Adds edges that a remote encoder has made. Its channels A and B have these levels now.
     pub(super) fn count(&mut self, at: Instant, edges: i32, channels: [bool; 2], out: &mut dyn Context) {
-        self.encoder.take_edges(at, &self.motor, edges, channels);
+        self.shaft.take_edges(at, edges, channels);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
     /// Blocks the shaft, or releases it.
     pub(super) fn block_shaft(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
-        self.motor.set_blocked(at, blocked);
+        self.shaft.set_blocked(at, blocked);
         self.counted(at, out);
         self.refresh(at, out);
     }
 
+    /// Lets a rotor that is free again continue from its present position, without waiting for standstill.
+    pub(super) fn resynchronise_rotor(&mut self, at: Instant, out: &mut dyn Context) {
+        self.shaft.resynchronise(at);
+        self.refresh(at, out);
+    }
+
+    /// Begins a motion of the circuitry with a percentage of the motor's current, in place of a running one. The
+    /// axis must be at rest or circuit-driven; otherwise nothing happens.
+    pub(super) fn begin_circuit(
+        &mut self,
+        at: Instant,
+        circuit: Circuit,
+        percent: u8,
+        out: &mut dyn Context,
+    ) {
+        if !self.activity.is_rest() && !self.activity.is_circuit_driven() {
+            return;
+        }
+        let plan = self.shaft.plan();
+        let (plan, preemption) = match circuit {
+            Circuit::Turn { steps, rates } => {
+                (Plan::profile(at, plan.position_at(at), steps, rates), Preemption::AtOnce)
+            }
+            Circuit::Spin { speed, acceleration } => {
+                (plan.ramp_to(at, speed, acceleration), Preemption::Never)
+            }
+            Circuit::Slow { deceleration } => {
+                (plan.ramp_to(at, I24F8::ZERO, deceleration), Preemption::AtStandstill)
+            }
+        };
+        self.shaft.hold_c1(at);
+        self.enter(Activity::CircuitDriven { percent, preemption }, Instant::NEVER);
+        // The current is set first, because without current the shaft would not follow.
+        self.refresh(at, out);
+        self.shaft.set_plan(at, plan, out);
+    }
+
+    /// Stops a spinning shaft at once, because something outside stops it.
+    pub(super) fn stop_circuit(&mut self, at: Instant, out: &mut dyn Context) {
+        self.shaft.set_plan(at, self.shaft.plan().halt(at), out);
+    }
+
+    /// Ends the motion of the circuitry at its present position. A waiting task begins.
+    pub(super) fn end_circuit(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.activity.is_circuit_driven() {
+            self.stop_circuit(at, out);
+            self.shaft.release_c1(at);
+            self.closed.begin(at, &self.shaft);
+            self.over(at, out);
+            self.refresh(at, out);
+        }
+    }
+
     /// Takes the oldest event, if any.
     pub(super) fn next_event(&mut self) -> Option<Event> {
-        self.events.pop_front()
-    }
-
-    fn push_event(&mut self, event: Event) {
-        let told = self.events.push_back(event);
-        debug_assert!(
-            told.is_ok(),
-            "the drive takes events after each thing that happens, each line of a message, too"
-        );
-    }
-
-    fn fail(&mut self, error: Error) {
-        self.push_event(Event::Failed(error));
+        self.events.next()
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        let shaft = self.motor.deadline().min(self.index_due).min(self.closed.due);
-        shaft.min(self.due).min(self.hold_due())
+        let shaft = self.shaft.deadline().min(self.index_due).min(self.closed.deadline());
+        shaft.min(self.due).min(self.current.deadline(&self.settings, &self.activity))
     }
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.motor.deadline() <= at {
-            self.motor.timeout(at, out);
-            // Keeps the compared positions within 32 bits of each other.
-            self.closed.rebase(
-                self.settings.scale(),
-                self.motor.position(at),
-                self.encoder.count(at, &self.motor),
-            );
+        if self.shaft.timeout(at, out) {
+            self.closed.rebase(at, &self.shaft, &self.settings);
             self.counted(at, out);
         }
-        if self.closed.due <= at {
+        if self.closed.deadline() <= at {
             self.counted(at, out);
         }
         if self.due <= at {
@@ -370,40 +371,83 @@ impl Motion {
         self.refresh(at, out);
     }
 
-    /// Updates the motor current and the deadlines.
-    fn refresh(&mut self, at: Instant, out: &mut dyn Context) {
-        self.look_at_index(at, out);
-        if self.hold_due() <= at {
-            self.holds = true;
+    /// Handles an encoder count that may have changed: a stall stops the motion unless SM is 1.
+    fn counted(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.closed.stalls(at, &self.shaft, &self.settings, &self.activity) {
+            self.events.fail(Error::Stall);
+            if !self.settings.goes_on_stalled {
+                self.clear_waiting();
+                self.brake(at, Brake::Halt, out);
+            }
         }
-        self.motor.energize(at, self.percent(), self.spins(), out);
-        self.watch(at);
+        self.maintain(at, out);
     }
 
-    /// Current that the motor is to have, in %; `None` if the bridge is off.
-    fn percent(&self) -> Option<u8> {
-        let Settings { enabled, run_percent, hold_percent, .. } = self.settings;
-        let percent = match self.activity {
-            Activity::CircuitDriven { percent, .. } => percent,
-            _ if self.holds => hold_percent,
-            _ => run_percent,
-        };
-        enabled.then_some(percent)
+    /// Updates the motor current and the deadlines.
+    fn refresh(&mut self, at: Instant, out: &mut dyn Context) {
+        self.look_at_mark(at, out);
+        self.current.timeout(at, &self.settings, &self.activity);
+        self.energize(at, out);
+        self.closed.watch(at, &self.shaft, &self.settings, &self.activity);
+    }
+
+    /// The shaft with its counters.
+    pub(super) fn shaft(&self) -> &Shaft {
+        &self.shaft
+    }
+
+    /// The shaft, to set its counters.
+    pub(super) fn shaft_mut(&mut self) -> &mut Shaft {
+        &mut self.shaft
+    }
+
+    pub(super) fn activity(&self) -> &Activity {
+        &self.activity
+    }
+
+    /// V: velocity in steps/s, or counts/s with EE = 1, rounded.
+    pub(super) fn velocity(&self, at: Instant) -> i32 {
+        self.shaft.displayed_speed(match self.activity {
+            Activity::Follows if self.settings.follows_at_once() => self.follow.speed().into(),
+            Activity::CircuitDriven { .. } => return 0,
+            _ => self.shaft.plan().speed_at(at),
+        })
+    }
+
+    /// Returns true if a motion that C1 counts is in progress or about to begin (MV).
+    pub(super) fn is_moving(&self) -> bool {
+        match self.activity {
+            Activity::Rest => false,
+            Activity::CircuitDriven { .. } => self.queue.is_waiting(),
+            _ => true,
+        }
+    }
+
+    /// Returns true if a move to a position is in progress or waiting (MP).
+    pub(super) fn is_positioning(&self) -> bool {
+        match self.activity {
+            Activity::Planning(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
+            _ => self.queue.holds_move(),
+        }
+    }
+
+    /// Returns true if the speed changes (VC).
+    pub(super) fn is_changing(&self, at: Instant) -> bool {
+        self.is_moving() && self.shaft.plan().segment_at(at).0.acceleration != 0
+    }
+
+    /// Returns true if the motor has stalled since ST was cleared (ST).
+    pub(super) fn has_stalled(&self) -> bool {
+        self.closed.has_stalled()
+    }
+
+    /// Writes ST.
+    pub(super) fn set_stalled(&mut self, stalled: bool) {
+        self.closed.set_stalled(stalled);
     }
 
     /// Returns true if the current does not fall to that of HC, because HT is 0 (MDRIVE-19).
     pub(super) fn never_holds(&self) -> bool {
-        !self.holds && self.settings.hold_delay_ms == 0
-    }
-
-    /// Time at which the current falls to that of HC: HT after the end of all motion, or never (MC 5-32;
-    /// MDRIVE-19).
-    fn hold_due(&self) -> Instant {
-        match self.activity {
-            Activity::Rest if !self.holds && !self.never_holds() => {
-                self.rested + Duration::millis(self.settings.hold_delay_ms.into())
-            }
-            _ => Instant::NEVER,
-        }
+        self.current.never_holds(&self.settings)
     }
 }

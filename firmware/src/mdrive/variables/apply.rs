@@ -106,10 +106,10 @@ impl Drive {
     ) -> Result<(), Error> {
         let (notify_on_end, continuous) = (false, false);
         match reg {
-            Reg::C1 => self.motion.set_steps(at, value),
-            Reg::C2 => self.motion.set_counts(at, value),
-            Reg::P if self.bank.is_closed() => self.motion.set_counts(at, value),
-            Reg::P => self.motion.set_steps(at, value),
+            Reg::C1 => self.motion.shaft_mut().set_steps(at, value),
+            Reg::C2 => self.motion.shaft_mut().set_counts(at, value),
+            Reg::P if self.bank.is_closed() => self.motion.shaft_mut().set_counts(at, value),
+            Reg::P => self.motion.shaft_mut().set_steps(at, value),
             Reg::ER => self.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
                 let counted = self.counted_by_address(value)?;
@@ -124,7 +124,7 @@ impl Drive {
             Reg::ST => self.motion.set_stalled(value != 0),
             Reg::TE => {
                 let mask = (value & 0xFF) as u8;
-                report(self.mcode.trips.enable(at, mask, &self.bank, &self.motion)?, at, out);
+                report(self.mcode.trips.enable(at, mask, &self.bank, self.motion.shaft())?, at, out);
             }
             Reg::MA => return self.order(at, Order::To { position: value, notify_on_end, continuous }, out),
             Reg::MR => return self.order(at, Order::By { distance: value, notify_on_end, continuous }, out),
@@ -170,7 +170,9 @@ impl Drive {
     fn has_effect(&self, reg: Reg, changes: bool) -> Result<(), Why> {
         let is = |value| self.bank.stored(reg) == value;
         match reg {
-            Reg::A | Reg::D | Reg::VI | Reg::VM if changes => self.motion.needs_rates(reg == Reg::VM),
+            Reg::A | Reg::D | Reg::VI | Reg::VM if changes => {
+                self.motion.activity().needs_rates(reg == Reg::VM)
+            }
             Reg::HT if is(0) => Err(Why::NeverHolds),
             Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
             Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),

@@ -24,7 +24,7 @@ impl Drive {
         match list {
             List::Trip(trip) => {
                 let definition = self.trip_definition(at, trip, parameters)?;
-                self.mcode.trips.define(at, trip, definition, &self.motion);
+                self.mcode.trips.define(at, trip, definition, self.motion.shaft());
                 Ok(())
             }
             List::Io(reg) => {
@@ -40,7 +40,7 @@ impl Drive {
                 match reg {
                     Reg::CA => self.bank.set(Reg::CalibrationMethod, with.into()),
                     // MCode clears the lag if the second value of MU is 1, as in `MU=2,1`.
-                    Reg::MU if with == 1 => self.motion.clear_lag(at),
+                    Reg::MU if with == 1 => self.motion.shaft_mut().clear_lag(at),
                     _ => {}
                 }
                 Ok(())

@@ -31,9 +31,9 @@ impl Drive {
     /// user variable that is not declared is 0.
     pub(super) fn read(&self, at: Instant, reg: Reg) -> i32 {
         match reg {
-            Reg::C1 => self.motion.steps(at),
-            Reg::C2 => self.motion.counts(at),
-            Reg::P => self.motion.displayed_position(at),
+            Reg::C1 => self.motion.shaft().steps(at),
+            Reg::C2 => self.motion.shaft().counts(at),
+            Reg::P => self.motion.shaft().displayed_position(at),
             Reg::EF => self.errors.is_set().into(),
             Reg::ER => self.errors.number().into(),
             Reg::I1 | Reg::O1 => self.io.is_active(1).into(),
@@ -41,7 +41,7 @@ impl Drive {
             Reg::I3 | Reg::O3 => self.io.is_active(3).into(),
             Reg::I4 | Reg::O4 => self.io.is_active(4).into(),
             Reg::I5 => self.io.analogue(at).into(),
-            Reg::I6 => self.motion.is_on_index(at).into(),
+            Reg::I6 => self.motion.shaft().is_on_index(at).into(),
             Reg::IL => self.io.levels().into(),
             Reg::IN => self.io.raw_levels().into(),
             Reg::IF => self.mcode.vm.awaits_input().into(),
