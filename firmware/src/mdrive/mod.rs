@@ -220,7 +220,7 @@ impl Device for Mdrive {
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let drive = &mut self.drive;
         match input {
-            Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
+            Input::Message { port: MODBUS, link, bytes } => modbus::serve(drive, at, link, bytes, out),
             Input::Message { link, bytes, .. } if drive.is_started() => {
                 drive.console_received(at, link, bytes, out);
             }
