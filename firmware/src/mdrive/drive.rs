@@ -3,7 +3,8 @@
 //! | file | content |
 //! |---|---|
 //! | `registers` | the table of variables |
-//! | `variables` | reading and writing variables |
+//! | `variables` | stored values, writing variables |
+//! | `reader` | reading variables, expressions and printed text; validating a write |
 //! | `error` | errors by their numbers |
 //! | `reasons` | reasons why an accepted request has no effect |
 //! | `startup`, `saved` | start-up, saved values |
@@ -15,9 +16,9 @@
 //! | `settings` | settings of motion and I/O |
 //!
 //! `registers`, `variables::stored`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
-//! trips) own their state and do not know the drive. The other files wire them; their calls go downwards: from
-//! this file and `mcode::console` to `startup` and `modbus`, `mcode::run` and `mcode::execute`, `saved`, and
-//! `variables`.
+//! trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
+//! `startup`, `mcode::run`, `saved`, `variables` and `reader`. Above it are its two languages, which act on it
+//! during a request or a line: `modbus` and `mcode::Interpreter`.
 //!
 //! Motion, I/O and the Hybrid's circuitry queue events. `dispatch_events` handles those of motion and I/O after
 //! every input and timeout, `run_hybrid` those of the circuitry at once.
@@ -142,13 +143,6 @@ impl Drive {
             self.run_hybrid(at, out, Hybrid::timeout);
         }
         self.dispatch_events(at, out);
-        if self.mcode.consoles.deadline() <= at {
-            self.console_timeout(at, out);
-        }
-        if self.mcode.vm.deadline() <= at {
-            self.program_timeout(at, out);
-            self.dispatch_events(at, out);
-        }
     }
 
     pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
@@ -164,7 +158,7 @@ impl Drive {
     /// Present value of a variable. If it has several values, they are packed into one number, the first one
     /// highest.
     pub(super) fn peek(&self, at: Instant, reg: Reg) -> i64 {
-        if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
+        if is_number(reg) { self.reader(at).read(reg).into() } else { self.bank.get(reg) }
     }
 
     /// Switches the power off. Only presets follow until the next power-on.
@@ -384,7 +378,7 @@ impl Drive {
         match event {
             motion::Event::Failed(error) => self.fail(at, error, out),
             motion::Event::StopsProgram => self.end_program(),
-            motion::Event::Announce => self.send_name(at, out),
+            motion::Event::Announce => self.mcode.consoles.send_name(at, self.bank.word(Reg::DN), out),
         }
     }
 }

@@ -12,11 +12,10 @@ use drivetwin_protocol::registers::Entries;
 use super::MODBUS;
 use super::drive::{Drive, Model};
 use super::error::Error;
-use super::mcode::print::Text;
 use super::mcode::statement::Statement;
+use super::reader::{Text, illegal};
 use super::reasons::report;
 use super::registers::{ETHERNET, FIRMWARE, PART_NUMBER, Reg, SERIAL_NUMBER};
-use super::variables::illegal;
 use crate::device::{Context, Instant, Link, LogEvent, Output};
 
 /// Function "read manufacturer specific" (FB 4.3.2).
@@ -119,20 +118,21 @@ impl Bus<'_> {
     /// The first error found; nothing has changed then.
     fn write_all(&mut self, values: &Values<'_, Reg>) -> Result<(), Error> {
         let brought = |reg| values.get(reg).map(narrow);
+        let reader = self.drive.reader(self.at);
         for (reg, value) in values.iter() {
             // MR and MS are neighbours: one request can write both. MS makes a Hybrid calibrate, and MR
             // cannot move it then.
-            if self.drive.calibrates(reg, narrow(value)) && brought(Reg::MR).is_some() {
+            if reader.calibrates(reg, narrow(value)) && brought(Reg::MR).is_some() {
                 return Err(Error::CalibrationInMotion);
             }
             // DC and DE are neighbours, too. If DC counts DE down to 0, DE = 1 in the same request calibrates
             // a Hybrid.
-            let counted = brought(Reg::DC).and_then(|address| self.drive.counted_by_address(address).ok());
+            let counted = brought(Reg::DC).and_then(|address| reader.counted_by_address(address).ok());
             let switches_on = reg == Reg::DE && value == 1 && counted == Some(Reg::DE);
-            if switches_on && self.drive.bank.model() == Model::Hybrid && self.drive.is_in_motion() {
+            if switches_on && self.drive.bank.model() == Model::Hybrid && reader.is_in_motion() {
                 return Err(Error::CalibrationInMotion);
             }
-            self.drive.validate(self.at, reg, narrow(value), &|other| {
+            reader.validate(reg, narrow(value), &|other| {
                 brought(other).unwrap_or_else(|| self.drive.bank.stored(other))
             })?;
         }
@@ -201,7 +201,9 @@ impl Bus<'_> {
     fn read_values(&mut self, name: &[u8], reply: &mut Reply) -> Result<(), Exception> {
         let _ = reply.extend_from_slice(&[READ_SPECIFIC, 0]);
         let head = reply.len();
-        self.drive.print_values(self.at, name, &mut Answer(reply)).map_err(Error::exception)?;
+        self.drive
+            .read(self.at, |reader| reader.print_values(name, &mut Answer(reply)))
+            .map_err(Error::exception)?;
         let count = reply.len() - head;
         if let Some(target) = reply.get_mut(head - 1) {
             *target = (count & 0xFF) as u8;
@@ -214,7 +216,7 @@ impl Bus<'_> {
         if string.first() != Some(&b'=') {
             return Err(Error::IllegalData);
         }
-        match self.drive.parse(&joined(name, string))? {
+        match self.drive.reader(self.at).parse(&joined(name, string))? {
             Statement::SetList(list, parameters) => {
                 self.drive.write_list(self.at, list, &parameters, self.out)
             }
@@ -238,7 +240,7 @@ impl Bus<'_> {
     /// Runs the program at an address or a label. The `=` before it is optional.
     fn execute_at(&mut self, place: &[u8]) -> Result<(), Error> {
         let place = place.strip_prefix(b"=").unwrap_or(place);
-        match self.drive.parse(&joined(b"EX ", place))? {
+        match self.drive.reader(self.at).parse(&joined(b"EX ", place))? {
             Statement::Execute(place, None) => self.drive.start_program(self.at, place, 0),
             _ => Err(Error::IllegalData),
         }
@@ -283,9 +285,8 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn refresh(&mut self, register: Reg) {
-        let value = self.drive.read(self.at, register);
+        let value = self.drive.read(self.at, |reader| reader.take(register));
         self.drive.bank.set(register, value.into());
-        self.drive.has_read(register);
     }
 
     /// Does nothing, because [`RequestHandler::write_multiple`] applies all writes.
@@ -311,7 +312,7 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn is_present(&self, register: Reg) -> bool {
-        self.drive.is_present(register)
+        self.drive.reader(self.at).is_present(register)
     }
 
     fn custom_function(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {

@@ -6,7 +6,6 @@
 //! meanwhile (MDRIVE-35).
 
 mod line;
-mod time;
 
 use core::mem;
 
@@ -14,17 +13,17 @@ use heapless::Vec;
 
 use self::line::Console;
 pub(in crate::mdrive) use self::line::{Consoles, MAX_CONNECTIONS};
-use super::super::MCODE;
-use super::super::drive::Drive;
-use super::super::error::{Error, Errors};
-use super::super::reasons::{Why, report};
-use super::super::registers::Reg;
-use super::super::variables::Registers;
+use super::Interpreter;
 use super::parse::begins_number;
-use super::print::CR_LF;
 use super::serial::{ACK, NAK, Party, PartyAddress, is_checked};
 use super::statement::{Place, Statement};
 use crate::device::{Context, DropReason, Instant, Link, LogEvent, Output};
+use crate::mdrive::MCODE;
+use crate::mdrive::error::{Error, Errors};
+use crate::mdrive::reader::CR_LF;
+use crate::mdrive::reasons::{Why, report};
+use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::Registers;
 
 const CTRL_C: u8 = 0x03;
 const CTRL_E: u8 = 0x05;
@@ -44,72 +43,73 @@ mod echo {
     pub(super) const AFTERWARDS: u16 = 3;
 }
 
-impl Drive {
-    pub(in crate::mdrive) fn console_closed(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        self.mcode.consoles.close(link);
-        self.process_waiting(at, out);
+impl Interpreter<'_> {
+    pub(in crate::mdrive) fn closed(&mut self, link: Link) {
+        self.consoles().close(link);
+        self.process_waiting();
     }
 
     /// Handles characters, which may contain several lines. A line may change the state for the next one, so
     /// the next one waits for it.
-    pub(in crate::mdrive) fn console_received(
-        &mut self,
-        at: Instant,
-        link: Link,
-        bytes: &[u8],
-        out: &mut dyn Context,
-    ) {
+    pub(in crate::mdrive) fn received(&mut self, link: Link, bytes: &[u8]) {
         for character in bytes {
-            if self.mcode.consoles.takes() {
-                self.on_character(at, link, *character, out);
+            if self.consoles().takes() {
+                self.on_character(link, *character);
             } else {
-                self.mcode.consoles.wait(link, *character);
+                self.consoles().wait(link, *character);
             }
+        }
+    }
+
+    /// Handles the deadlines of MCode: of a typed line, and of the program.
+    pub(in crate::mdrive) fn timeout(&mut self) {
+        self.console_timeout();
+        if self.drive.mcode.vm.deadline() <= self.at {
+            // A line has been executed, or the time of H has passed.
+            if self.drive.mcode.vm.timeout(self.at) {
+                self.execute_program_line();
+            }
+            self.drive.dispatch_events(self.at, self.out);
         }
     }
 
     /// Executes the line whose execution time has ended, then handles the characters received meanwhile.
-    pub(in crate::mdrive) fn console_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(link) = self.mcode.consoles.executed(at) {
-            self.execute_line(at, link, out);
-            self.dispatch_events(at, out);
-            self.process_waiting(at, out);
+    fn console_timeout(&mut self) {
+        if let Some(link) = self.drive.mcode.consoles.executed(self.at) {
+            self.execute_line(link);
+            self.drive.dispatch_events(self.at, self.out);
+            self.process_waiting();
         }
     }
 
-    fn process_waiting(&mut self, at: Instant, out: &mut dyn Context) {
-        while let Some((link, character)) = self.mcode.consoles.waited() {
-            self.on_character(at, link, character, out);
+    fn process_waiting(&mut self) {
+        while let Some((link, character)) = self.consoles().waited() {
+            self.on_character(link, character);
         }
     }
 
-    fn on_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
+    fn on_character(&mut self, link: Link, character: u8) {
         // An earlier Ctrl-C may have restarted the drive.
-        if self.is_started() {
-            self.console_character(at, link, character, out);
+        if self.drive.is_started() {
+            self.console_character(link, character);
             // A key takes effect at once.
             if character.is_ascii_control() {
-                self.dispatch_events(at, out);
+                self.drive.dispatch_events(self.at, self.out);
             }
         } else {
-            note_lost_input(at, out);
+            note_lost_input(self.at, self.out);
         }
     }
 
-    /// Sends the drive's name to every connection, because a move that announces its end has ended (MC 5-45).
-    pub(in crate::mdrive) fn send_name(&mut self, at: Instant, out: &mut dyn Context) {
-        let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
-        self.mcode.consoles.send_to_all(at, &[name, b'\r', b'\n'], out);
-    }
-
-    fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
-        let party = self.bank.is_party();
-        if party && !self.mcode.consoles.is_for_me(at, link, character, &self.bank, out) {
+    fn console_character(&mut self, link: Link, character: u8) {
+        let party = self.drive.bank.is_party();
+        if party && !self.drive.mcode.consoles.is_for_me(self.at, link, character, &self.drive.bank, self.out)
+        {
             return;
         }
-        let echoes = self.bank.echo_mode() == echo::FULL;
-        let (steps, escape) = (self.mcode.vm.is_stepping(), self.bank.escape());
-        let Some(console) = self.mcode.consoles.find(link) else { return };
+        let echoes = self.drive.bank.echo_mode() == echo::FULL;
+        let (steps, escape) = (self.drive.mcode.vm.is_stepping(), self.drive.bank.escape());
+        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
         let returned = mem::replace(&mut console.returned, character == b'\r');
         let is_blank = console.line.trim_ascii().is_empty() && !console.refused;
         match character {
@@ -117,36 +117,36 @@ impl Drive {
             b'\r' if party => {}
             b'\r' | b'\n' => {
                 if steps && is_blank {
-                    self.mcode.vm.step(at, false);
+                    self.drive.mcode.vm.step(self.at, false);
                 }
-                self.end_line(at, link);
+                self.end_line(link);
             }
-            CTRL_C if self.bank.word(Reg::CE) != 0 => {
-                note_key(at, character, out);
+            CTRL_C if self.drive.bank.word(Reg::CE) != 0 => {
+                note_key(self.at, character, self.out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
-                self.mcode.consoles.answer(at, link, if is_open { CR_LF } else { b"" }, &self.bank, out);
-                self.restart(at, out);
+                self.answer(link, if is_open { CR_LF } else { b"" });
+                self.drive.restart(self.at, self.out);
             }
             _ if character == escape => {
-                note_key(at, character, out);
-                self.abort(at, link, out);
+                note_key(self.at, character, self.out);
+                self.abort(link);
             }
             CTRL_C | CTRL_E | ESCAPE => {
-                report(Err(Why::KeyIsOff), at, out);
-                note_key(at, character, out);
+                report(Err(Why::KeyIsOff), self.at, self.out);
+                note_key(self.at, character, self.out);
             }
-            b' ' if steps && is_blank => self.mcode.vm.step(at, true),
+            b' ' if steps && is_blank => self.drive.mcode.vm.step(self.at, true),
             BACKSPACE | DELETE => {
                 let taken = console.line.pop().is_some();
                 let erasure: &[u8] = if taken && echoes { b"\x08 \x08" } else { b"" };
-                self.mcode.consoles.answer(at, link, erasure, &self.bank, out);
+                self.answer(link, erasure);
             }
             b'\t' | b' '.. if !console.refused => {
                 if console.line.push(character).is_err() {
-                    self.refuse_line(at, link, out);
+                    self.refuse_line(link);
                 } else if echoes {
-                    self.mcode.consoles.answer(at, link, &[character], &self.bank, out);
+                    self.answer(link, &[character]);
                 }
             }
             // Ignored: the rest of a line that was too long, or a key that the drive does not have.
@@ -155,82 +155,73 @@ impl Drive {
     }
 
     /// Handles the end of a line: its execution begins, unless the line was refused before.
-    fn end_line(&mut self, at: Instant, link: Link) {
-        let next = self.mcode.consoles.first_called();
-        let Some(console) = self.mcode.consoles.find(link) else { return };
+    fn end_line(&mut self, link: Link) {
+        let next = self.consoles().first_called();
+        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
         if mem::take(&mut console.refused) {
             console.line.clear();
             console.address_state = next;
             return;
         }
         let (line, programming) = (console.line.clone(), console.programming.is_some());
-        let takes = self.execution_time(&line, programming);
-        self.mcode.consoles.execute(at, link, takes);
+        let takes = self.drive.reader(self.at).execution_time(&line, programming);
+        self.drive.mcode.consoles.execute(self.at, link, takes);
     }
 
     /// Executes a line, between the end of its echo and a prompt.
-    fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        let Some(console) = self.mcode.consoles.find(link) else { return };
+    fn execute_line(&mut self, link: Link) {
+        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
         let (mut line, name) = (mem::take(&mut console.line), console.address_state.name());
         let stores = console.programming.is_some();
         // Hardware sends no CR LF before printed text while a program runs; table 7.1 makes no such
         // difference (MDRIVE-39).
-        let is_half = self.bank.echo_mode() == echo::HALF;
-        let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
+        let is_half = self.drive.bank.echo_mode() == echo::HALF;
+        let prints_alone = is_half
+            && self.drive.mcode.vm.is_running()
+            && !stores
+            && self.drive.reader(self.at).prints(&line);
         if !prints_alone {
-            self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
+            self.end_echo(link, &line);
         }
-        let sums = self.bank.check_sums();
+        let sums = self.drive.bank.check_sums();
         let spoiled = sums != 0 && !is_checked(name, &line);
         if sums != 0 {
             line.pop();
         }
-        let outcome = if spoiled { Ok(Answer::RxError) } else { self.run_statement(at, link, &line, out) };
+        let outcome = if spoiled { Ok(Answer::RxError) } else { self.run_statement(link, &line) };
         if prints_alone && outcome.is_err() {
-            self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
+            self.end_echo(link, &line);
         }
-        self.conclude(at, link, &line, sums, outcome, out);
-        let next = self.mcode.consoles.first_called();
-        self.mcode.consoles.call(link, next);
-    }
-
-    /// Returns true if a line prints something.
-    fn prints(&self, line: &[u8]) -> bool {
-        matches!(self.parse(line), Ok(Statement::Print(_) | Statement::ListProgram(_)))
+        self.conclude(link, &line, sums, outcome);
+        let next = self.consoles().first_called();
+        self.consoles().call(link, next);
     }
 
     /// Refuses a line that is too long (MC 5-57). The reply is sent before the line has ended.
-    fn refuse_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        let Some(console) = self.mcode.consoles.find(link) else { return };
+    fn refuse_line(&mut self, link: Link) {
+        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
         let line = mem::take(&mut console.line);
         console.refused = true;
-        self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
-        self.conclude(at, link, &line, self.bank.check_sums(), Err(Error::Unknown), out);
+        self.end_echo(link, &line);
+        self.conclude(link, &line, self.drive.bank.check_sums(), Err(Error::Unknown));
     }
 
     /// Handles Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
-    fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        if self.mcode.consoles.drop_line(link) {
-            self.end_program();
-            self.motion.halt(at, out);
-            self.mcode.consoles.answer_abort(at, link, prompt(&self.bank, self.errors), &self.bank, out);
+    fn abort(&mut self, link: Link) {
+        if self.consoles().drop_line(link) {
+            self.drive.end_program();
+            self.drive.motion.halt(self.at, self.out);
+            let prompt = self.prompt();
+            self.drive.mcode.consoles.answer_abort(self.at, link, prompt, &self.drive.bank, self.out);
         }
     }
 
     /// Ends a line: reports its error, and sends an acknowledgement and a prompt. `sums` is CK when the line
     /// was executed.
-    fn conclude(
-        &mut self,
-        at: Instant,
-        link: Link,
-        line: &[u8],
-        sums: u16,
-        outcome: Result<Answer, Error>,
-        out: &mut dyn Context,
-    ) {
+    fn conclude(&mut self, link: Link, line: &[u8], sums: u16, outcome: Result<Answer, Error>) {
         let function = line.first().copied().unwrap_or(b'\r');
-        out.put(
-            at,
+        self.out.put(
+            self.at,
             Output::Log(match outcome {
                 Ok(Answer::RxError) => LogEvent::Dropped { port: MCODE, why: DropReason::Crc },
                 Ok(_) => LogEvent::Request { port: MCODE, unit: 0, function },
@@ -238,22 +229,22 @@ impl Drive {
             }),
         );
         if let Err(error) = outcome {
-            self.fail(at, error, out);
+            self.drive.fail(self.at, error, self.out);
         }
         // "The response will be the sign on message" (MC 5-26).
         let is_greeting = outcome == Ok(Answer::Greeting);
-        if sums != 0 && self.bank.echo_mode() != echo::NONE && !is_greeting {
+        if sums != 0 && self.drive.bank.echo_mode() != echo::NONE && !is_greeting {
             let good = outcome == Ok(Answer::Prompt);
             // "ACK is not echoed if a program is running" (MC 5-12).
             let acknowledged: &[u8] = match good {
-                true if sums == 2 && self.mcode.vm.is_running() => &[],
+                true if sums == 2 && self.drive.mcode.vm.is_running() => &[],
                 true => &[ACK],
                 false => &[NAK],
             };
-            self.mcode.consoles.answer(at, link, acknowledged, &self.bank, out);
+            self.answer(link, acknowledged);
         }
         if !is_greeting {
-            self.mcode.consoles.answer(at, link, prompt(&self.bank, self.errors), &self.bank, out);
+            self.answer(link, self.prompt());
         }
     }
 
@@ -261,18 +252,12 @@ impl Drive {
     ///
     /// # Errors
     /// The line is wrong, or the drive's state forbids it.
-    fn run_statement(
-        &mut self,
-        at: Instant,
-        link: Link,
-        line: &[u8],
-        out: &mut dyn Context,
-    ) -> Result<Answer, Error> {
-        let programming = self.mcode.consoles.find(link).and_then(|console| console.programming);
-        let statement = self.parse(line);
+    fn run_statement(&mut self, link: Link, line: &[u8]) -> Result<Answer, Error> {
+        let programming = self.consoles().find(link).and_then(|console| console.programming);
+        let statement = self.drive.reader(self.at).parse(line);
         if statement.is_err() && programming.is_none() && begins_number(line) {
             // "IF will be cleared to zero with a carriage return" (MC 5-36). This includes an invalid number.
-            self.mcode.vm.set_input_pending(false);
+            self.drive.mcode.vm.set_input_pending(false);
         }
         let statement = statement?;
         if let Some(address) = programming {
@@ -280,8 +265,8 @@ impl Drive {
                 Statement::Empty => {}
                 Statement::Program(place) => self.enter_program_mode(link, place)?,
                 _ => {
-                    self.mcode.store_line(at, address, line, &statement, out)?;
-                    self.mcode.consoles.program_from(link, Some(address + 1));
+                    self.drive.mcode.store_line(self.at, address, line, &statement, self.out)?;
+                    self.consoles().program_from(link, Some(address + 1));
                     // These statements are usually typed, not stored in a program.
                     let is_unusual = matches!(
                         statement,
@@ -290,24 +275,26 @@ impl Drive {
                             | Statement::Clear(_)
                             | Statement::Defaults
                     );
-                    report(Err(if is_unusual { Why::StoresLine } else { Why::Stored }), at, out);
+                    report(Err(if is_unusual { Why::StoresLine } else { Why::Stored }), self.at, self.out);
                 }
             }
             return Ok(Answer::Prompt);
         }
         match statement {
             Statement::Print(items) => {
-                self.print_on(at, self.mcode.consoles.recipients(link, &self.bank), items, out)?;
+                let links = self.recipients(link);
+                self.print_on(links, items)?;
             }
             Statement::ListProgram(place) => {
-                self.list_program(at, self.mcode.consoles.recipients(link, &self.bank), place, out)?;
+                let links = self.recipients(link);
+                self.list_program(links, place)?;
             }
             Statement::Program(place) => self.enter_program_mode(link, place)?,
             Statement::Defaults => {
-                self.restore(at, out)?;
+                self.restore()?;
                 return Ok(Answer::Greeting);
             }
-            _ => self.execute(at, &statement, false, out)?,
+            _ => self.execute(&statement, false)?,
         }
         Ok(Answer::Prompt)
     }
@@ -319,13 +306,34 @@ impl Drive {
     fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
         let address = match place {
             Some(place) => {
-                self.bank.needs_unlocked()?;
-                Some(self.mcode.address(place)?)
+                self.drive.bank.needs_unlocked()?;
+                Some(self.drive.mcode.address(place)?)
             }
             None => None,
         };
-        self.mcode.consoles.program_from(link, address);
+        self.consoles().program_from(link, address);
         Ok(())
+    }
+
+    fn consoles(&mut self) -> &mut Consoles {
+        &mut self.drive.mcode.consoles
+    }
+
+    /// Sends an answer on a connection, if this drive is to answer.
+    fn answer(&mut self, link: Link, bytes: &[u8]) {
+        self.drive.mcode.consoles.answer(self.at, link, bytes, &self.drive.bank, self.out);
+    }
+
+    fn end_echo(&mut self, link: Link, line: &[u8]) {
+        self.drive.mcode.consoles.end_echo(self.at, link, line, &self.drive.bank, self.out);
+    }
+
+    fn recipients(&self, link: Link) -> Vec<Link, MAX_CONNECTIONS> {
+        self.drive.mcode.consoles.recipients(link, &self.drive.bank)
+    }
+
+    fn prompt(&self) -> &'static [u8] {
+        prompt(&self.drive.bank, self.drive.errors)
     }
 }
 
@@ -403,7 +411,7 @@ impl Consoles {
     }
 
     /// Connections that get the answer to a line: its own, or none if this drive is not to answer.
-    pub(super) fn recipients(&self, link: Link, registers: &Registers) -> Vec<Link, MAX_CONNECTIONS> {
+    fn recipients(&self, link: Link, registers: &Registers) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         let console = self.list.iter().find(|console| console.link == link);
         if console.is_some_and(|console| registers.answers(console.address_state)) {

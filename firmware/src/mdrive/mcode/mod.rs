@@ -9,20 +9,18 @@
 //! | `parse` | the parser |
 //! | `program` | stored lines, by address |
 //! | `names` | labels and user variables |
-//! | `print` | PR: texts and values |
 //! | `message_writer` | printed text, collected to messages |
-//! | `execute` | effects of statements |
+//! | `execute` | effects of statements, typed or of the program |
 //! | `vm` | state of the program that runs |
-//! | `run` | effects of the program that runs: its lines, errors and calls |
+//! | `run` | start, pauses and end of the program; errors and calls |
 //! | `trip` | trips |
 
 pub(super) mod console;
-pub(super) mod execute;
+mod execute;
 mod message_writer;
 pub(super) mod mnemonic;
 pub(super) mod names;
 pub(super) mod parse;
-pub(super) mod print;
 pub(super) mod program;
 mod run;
 mod serial;
@@ -38,6 +36,8 @@ use self::names::Names;
 use self::program::Program;
 use self::trip::Trips;
 use self::vm::Vm;
+use super::drive::Drive;
+use crate::device::{Context, Instant};
 
 /// State of MCode.
 #[derive(Clone, Debug)]
@@ -60,5 +60,18 @@ impl Mcode {
             vm: Vm::new(),
             trips: Trips::NONE,
         }
+    }
+}
+
+/// The drive as MCode acts on it at an instant: by typed lines (`console`) and by the lines of a program (`execute`).
+pub(super) struct Interpreter<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Context,
+}
+
+impl<'a> Interpreter<'a> {
+    pub(super) fn new(drive: &'a mut Drive, at: Instant, out: &'a mut dyn Context) -> Self {
+        Self { drive, at, out }
     }
 }

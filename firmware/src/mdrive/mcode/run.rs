@@ -1,6 +1,4 @@
-//! Execution of the program: start, pauses, interrupts and end, and its lines.
-
-use heapless::Vec;
+//! The program that runs: start, pauses, interrupts and end; errors.
 
 use super::Mcode;
 use super::vm::{Interrupt, Vm};
@@ -8,8 +6,7 @@ use crate::device::{Context, Instant};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::{Error, Errors};
 use crate::mdrive::mcode::names::Meaning;
-use crate::mdrive::mcode::program::LINE_BYTES;
-use crate::mdrive::mcode::statement::{Place, Statement, Trip};
+use crate::mdrive::mcode::statement::{Place, Trip};
 use crate::mdrive::mcode::trip::Trips;
 use crate::mdrive::reasons::Why;
 
@@ -117,38 +114,6 @@ impl Drive {
         self.interrupt_program(at, out);
     }
 
-    /// Handles the deadline of the program: a line has been executed, or the time of H has passed.
-    pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.mcode.vm.timeout(at) {
-            self.carry_out_line(at, out);
-        }
-    }
-
-    fn carry_out_line(&mut self, at: Instant, out: &mut dyn Context) {
-        let mut line = Vec::<u8, LINE_BYTES>::new();
-        match self.mcode.program.line(out.memory(), self.mcode.vm.address()) {
-            // No stored line is longer than the buffer.
-            Some(text) => line.extend_from_slice(text).unwrap_or_default(),
-            // There are no more lines: a program without E ends here, as in MC 7.2.5.
-            None => return self.end_program(),
-        }
-        if self.mcode.vm.begin_line(at) {
-            self.mcode.consoles.send_to_all(at, &line, out);
-            self.mcode.consoles.send_to_all(at, b"\r\n", out);
-        }
-        let done = self.parse(&line).and_then(|statement| match statement {
-            Statement::Print(items) => self.print_on(at, self.mcode.consoles.links(), items, out),
-            Statement::ListProgram(place) => self.list_program(at, self.mcode.consoles.links(), place, out),
-            _ => self.execute(at, &statement, true, out),
-        });
-        if let Err(error) = done {
-            self.fail_program(at, error, out);
-        }
-        if self.mcode.vm.end_line(at) {
-            self.call_next_interrupt(at, out);
-        }
-    }
-
     /// Calls a pending subroutine at once, unless a line is being executed or the program is paused.
     fn interrupt_program(&mut self, at: Instant, out: &mut dyn Context) {
         if self.mcode.vm.takes_interrupt() {
@@ -157,7 +122,7 @@ impl Drive {
     }
 
     /// Calls one of the pending subroutines: OE's handler first, then trips in the order of TE.
-    fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Context) {
+    pub(super) fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Context) {
         let Mcode { vm, trips, .. } = &mut self.mcode;
         let Some(Interrupt { place, handles }) = vm.next_interrupt(trips) else { return };
         let found = self.mcode.find_line(place);
@@ -174,7 +139,7 @@ impl Drive {
     /// Handles an error of a line or a call of the program. Some errors end the program. They do not if OE's
     /// handler is called: "program execution continues with the instruction after the one that caused the
     /// error" (MC 5-52).
-    fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
+    pub(super) fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
         let handles = self.mcode.vm.handles();
         if error.ends_program() && !self.calls_error_handler() {
             self.end_program();

@@ -27,7 +27,7 @@ fn dut() -> Dut {
 impl Dut {
     /// AF as MCode reads it.
     fn flags(&self) -> i64 {
-        self.drive.drive.read_mcode(self.now, Reg::AF).into()
+        self.drive.drive.reader(self.now).read_mcode(Reg::AF).into()
     }
 
     /// Runs for as long as `is_so` is true, a minute at most, and finds the end to the tick. Returns the

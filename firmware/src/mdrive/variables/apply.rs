@@ -1,6 +1,6 @@
 //! Effects of writing variables.
 
-use super::{TORQUE, output_bit, step, user_name};
+use super::{output_bit, step, user_name};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
@@ -23,7 +23,7 @@ impl Drive {
         value: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        self.validate(at, reg, value, &|other| self.bank.stored(other))?;
+        self.reader(at).validate(reg, value, &|other| self.bank.stored(other))?;
         self.apply(at, reg, value, out)
     }
 
@@ -59,7 +59,7 @@ impl Drive {
         by: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let value = self.counted(at, reg, by, self.bank.stored(reg))?;
+        let value = self.reader(at).counted(reg, by, self.bank.stored(reg))?;
         self.write(at, reg, value, out)
     }
 
@@ -112,7 +112,7 @@ impl Drive {
             Reg::P => self.motion.shaft_mut().set_steps(at, value),
             Reg::ER => self.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
-                let counted = self.counted_by_address(value)?;
+                let counted = self.reader(at).counted_by_address(value)?;
                 return self.count(at, counted, step(reg), out);
             }
             Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => {
@@ -143,7 +143,7 @@ impl Drive {
 
     /// Stores a variable's value and applies it.
     fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Context) -> Result<(), Error> {
-        let calibrates = self.calibrates(reg, value);
+        let calibrates = self.reader(at).calibrates(reg, value);
         let changes = value != self.bank.stored(reg);
         self.bank.store(reg, value);
         match reg {
@@ -161,29 +161,8 @@ impl Drive {
         if calibrates && self.calibrate(at, false, out)? {
             report(Err(Why::Calibrates), at, out);
         }
-        report(self.has_effect(reg, changes), at, out);
+        report(self.reader(at).has_effect(reg, changes), at, out);
         Ok(())
-    }
-
-    /// Returns the reason if a value that has been stored has no effect now. `changes` is true if it differs
-    /// from the value before.
-    fn has_effect(&self, reg: Reg, changes: bool) -> Result<(), Why> {
-        let is = |value| self.bank.stored(reg) == value;
-        match reg {
-            Reg::A | Reg::D | Reg::VI | Reg::VM if changes => {
-                self.motion.activity().needs_rates(reg == Reg::VM)
-            }
-            Reg::HT if is(0) => Err(Why::NeverHolds),
-            Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
-            Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
-            Reg::DE if is(1) => self.hybrid.needs_bridge(&self.bank),
-            Reg::AS if i64::from(self.bank.stored(reg)) == TORQUE => {
-                self.hybrid.needs_bridge(&self.bank)?;
-                if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
-            }
-            Reg::TD if changes && self.hybrid.has_torque() => Err(Why::TorqueBegan),
-            _ => Ok(()),
-        }
     }
 
     /// Starts a calibration, because of CF (`clears`) or anything else. Returns false if there is nothing to
@@ -222,7 +201,7 @@ impl Drive {
     /// # Errors
     /// Error 73 in motion.
     pub(in crate::mdrive) fn save(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
-        if self.is_in_motion() {
+        if self.reader(at).is_in_motion() {
             return Err(Error::SaveInMotion);
         }
         self.saving.begin(at, &mut self.bank, &self.mcode.names, out);

@@ -4,8 +4,7 @@ use super::entry;
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
-use crate::mdrive::mcode::statement::{List, Operand, Parameter, Place, Trip};
-use crate::mdrive::mcode::trip::{Definition, MAX_REPEATS, judge_source};
+use crate::mdrive::mcode::statement::{List, Parameter};
 use crate::mdrive::registers::Reg;
 
 impl Drive {
@@ -23,16 +22,17 @@ impl Drive {
     ) -> Result<(), Error> {
         match list {
             List::Trip(trip) => {
-                let definition = self.trip_definition(at, trip, parameters)?;
+                let definition = self.read(at, |reader| reader.trip_definition(trip, parameters))?;
                 self.mcode.trips.define(at, trip, definition, self.motion.shaft());
                 Ok(())
             }
             List::Io(reg) => {
-                let values = self.values(at, usize::from(entry(reg).shape.words()), parameters)?;
+                let count = usize::from(entry(reg).shape.words());
+                let values = self.read(at, |reader| reader.values(count, parameters))?;
                 self.set_up(at, reg, values, out)
             }
             List::With(reg) => {
-                let [value, with, _] = self.values(at, 2, parameters)?;
+                let [value, with, _] = self.read(at, |reader| reader.values(2, parameters))?;
                 if with > 1 {
                     return Err(Error::IllegalValue);
                 }
@@ -84,82 +84,5 @@ impl Drive {
         }
         self.set_motion(at, out);
         Ok(())
-    }
-
-    /// Definition of a trip by these parameters; `None` if they remove it.
-    ///
-    /// # Errors
-    /// Error 12 for a source that is not an input, 21 for another illegal value, 30 and 42 for a wrong
-    /// subroutine, 38 for a missing one.
-    fn trip_definition(
-        &mut self,
-        at: Instant,
-        trip: Trip,
-        parameters: &[Parameter],
-    ) -> Result<Option<Definition>, Error> {
-        let mut all = [Parameter::Absent; 3];
-        for (place, parameter) in all.iter_mut().skip(trip.parameters().start).zip(parameters) {
-            *place = *parameter;
-        }
-        let [value, subroutine, repeats] = all;
-
-        let value = self.trip_number(at, value)?;
-        let value = match (trip, value) {
-            (Trip::Input | Trip::Time | Trip::Relative | Trip::Hybrid, Some(0)) => return Ok(None),
-            (Trip::Capture, _) => 0,
-            (Trip::Position | Trip::Relative, Some(value))
-            | (Trip::Input, Some(value @ 1..=4))
-            | (Trip::Time, Some(value @ 1..=65_535))
-            | (Trip::Hybrid, Some(value @ 1..=31)) => value,
-            (Trip::Input, Some(_)) => return Err(Error::IllegalTrip),
-            (_, Some(_)) => return Err(Error::IllegalValue),
-            (_, None) => return Err(Error::MissingSeparator),
-        };
-        let place = match subroutine {
-            Parameter::Absent => None,
-            Parameter::Label(name) => Some(Place::Label(name)),
-            Parameter::Value(operand) => Some(Place::Address(self.operand(at, operand)?)),
-        };
-        let subroutine = match (trip, place) {
-            (Trip::Capture, Some(Place::Address(0))) => return Ok(None),
-            // These trips may have no subroutine, because they make a pulse at the trip output.
-            (Trip::Position | Trip::Relative, None | Some(Place::Address(0))) => None,
-            (_, None) => return Err(Error::MissingSeparator),
-            (_, Some(place)) => self.mcode.find_line(place).map(|_| Some(place))?,
-        };
-        let repeats = self.trip_number(at, repeats)?.unwrap_or(0);
-        let repeats = u16::try_from(repeats).ok().filter(|&repeats| repeats <= MAX_REPEATS);
-        let repeats = repeats.ok_or(Error::IllegalValue)?;
-        judge_source(trip, value, &self.bank)?;
-        Ok(Some(Definition { value, subroutine, repeats }))
-    }
-
-    fn trip_number(&mut self, at: Instant, parameter: Parameter) -> Result<Option<i32>, Error> {
-        match parameter {
-            Parameter::Absent => Ok(None),
-            Parameter::Value(operand) => self.operand(at, operand).map(Some),
-            Parameter::Label(name) => self.operand(at, Operand::User(name)).map(Some),
-        }
-    }
-
-    /// Evaluates the values of a list, which has at most `count` of them. The first is required; others that
-    /// are omitted are 0.
-    fn values(&mut self, at: Instant, count: usize, parameters: &[Parameter]) -> Result<[u16; 3], Error> {
-        if parameters.len() > count {
-            return Err(Error::IllegalValue);
-        }
-        if matches!(parameters.first(), None | Some(Parameter::Absent)) {
-            return Err(Error::IllegalData);
-        }
-        let mut values = [0; 3];
-        for (value, &parameter) in values.iter_mut().zip(parameters) {
-            let number = match parameter {
-                Parameter::Absent => 0,
-                Parameter::Value(operand) => self.operand(at, operand)?,
-                Parameter::Label(name) => self.operand(at, Operand::User(name))?,
-            };
-            *value = u16::try_from(number).map_err(|_| Error::IllegalValue)?;
-        }
-        Ok(values)
     }
 }

@@ -3,13 +3,13 @@
 use drivetwin_protocol::registers::{Bank, Register, characters};
 use heapless::Vec;
 
-use super::judge::NO_DELAY_MS;
 use super::units::CLOSED_MICROSTEPS;
-use super::{entry, illegal, is_number, words};
+use super::{NO_DELAY_MS, entry, is_number, words};
 use crate::device::Context;
 use crate::mdrive::drive::Model;
 use crate::mdrive::error::Error;
 use crate::mdrive::io;
+use crate::mdrive::reader::illegal;
 use crate::mdrive::registers::{LASTING, Reg};
 use crate::memory::{self, Content};
 

@@ -12,7 +12,7 @@ const MAX_COUNTS_PER_S2: i32 = 61_035_160;
 /// Maximum of VM and SL in counts/s (MC 5-68, 5-80).
 const MAX_COUNTS_PER_S: i32 = 200_000;
 /// Value of MS while EE is 1 (MC 7-16).
-pub(super) const CLOSED_MICROSTEPS: i32 = 256;
+pub(in crate::mdrive) const CLOSED_MICROSTEPS: i32 = 256;
 
 impl Registers {
     /// Stores a value in the bank. A change of EE converts A, D, VI and VM to their new units; EE = 1 also
@@ -66,7 +66,7 @@ impl Registers {
     ///
     /// # Errors
     /// Error 36 if MS is too low for EL; 90 if A, D, VI or VM would become too low in counts.
-    pub(super) fn validate_closing(&self) -> Result<(), Error> {
+    pub(in crate::mdrive) fn validate_closing(&self) -> Result<(), Error> {
         if !self.fits(self.stored(Reg::EL), self.stored(Reg::MS)) {
             return Err(Error::IllegalRatio);
         }

@@ -122,6 +122,11 @@ impl Consoles {
         }
     }
 
+    /// Sends the drive's name to every connection, because a move that announces its end has ended (MC 5-45).
+    pub(in crate::mdrive) fn send_name(&self, at: Instant, name: u16, out: &mut dyn Context) {
+        self.send_to_all(at, &[(name & 0x7F) as u8, b'\r', b'\n'], out);
+    }
+
     /// Sends the sign-on and a prompt to every connection.
     pub(in crate::mdrive) fn greet(&self, at: Instant, prompt: &[u8], out: &mut dyn Context) {
         self.send_to_all(at, SIGN_ON, out);
