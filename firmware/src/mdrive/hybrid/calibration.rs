@@ -96,7 +96,7 @@ impl Hybrid {
         env: &mut Environment<'_>,
         clears: bool,
     ) -> Result<bool, Error> {
-        if env.motion.is_moving() || self.turns() {
+        if env.motion.is_moving() || self.rotor.turns() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
         }
         env.motion.end_circuit(env.at, env.out);

@@ -46,15 +46,15 @@ pub(super) struct Spin {
     forward: bool,
 }
 
-impl Hybrid {
+impl Rotor {
     /// Returns true if torque mode is on, also while something stops the rotor.
-    pub(in crate::mdrive) fn has_torque(&self) -> bool {
-        matches!(self.rotor, Rotor::Spins { .. })
+    pub(super) fn has_torque(self) -> bool {
+        matches!(self, Self::Spins { .. })
     }
 
     /// Returns true if the rotor turns without a commanded motion.
-    pub(in crate::mdrive) fn turns(&self) -> bool {
-        matches!(self.rotor, Rotor::Spins { is_stopped: false, .. } | Rotor::Slows(_))
+    pub(super) fn turns(self) -> bool {
+        matches!(self, Self::Spins { is_stopped: false, .. } | Self::Slows(_))
     }
 }
 

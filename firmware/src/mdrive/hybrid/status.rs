@@ -45,6 +45,16 @@ impl Hybrid {
         self.is_locked
     }
 
+    /// Returns true if torque mode is on, also while something stops the rotor.
+    pub(in crate::mdrive) fn has_torque(&self) -> bool {
+        self.rotor.has_torque()
+    }
+
+    /// Returns true if the rotor turns without a commanded motion.
+    pub(in crate::mdrive) fn turns(&self) -> bool {
+        self.rotor.turns()
+    }
+
     pub(in crate::mdrive) fn is_making_up(&self) -> bool {
         self.rotor == Rotor::MakesUp
     }
@@ -82,7 +92,7 @@ impl Hybrid {
     /// LL, the lag in steps. It is 0 in torque mode and until the rotor is at rest after it, during a
     /// calibration, and while the circuitry is off.
     pub(in crate::mdrive) fn lag(&self, at: Instant, registers: &Registers, motion: &Motion) -> i32 {
-        let is_bound = self.watches_rotor(registers) && !is_in_torque_mode(registers) && !self.turns();
+        let is_bound = self.watches_rotor(registers) && !is_in_torque_mode(registers) && !self.rotor.turns();
         if is_bound { motion.shaft().lag(at) } else { 0 }
     }
 

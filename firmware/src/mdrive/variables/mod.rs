@@ -1,17 +1,15 @@
 //! Reading and writing of variables, by the bus and by MCode.
 //!
 //! The drive stores a value of each (`stored`). All values of a write are validated first (`reader::judge`), then
-//! applied (`apply`, `lists`). EE changes units (`units`).
+//! applied (`apply`, `lists`).
 
 mod apply;
 mod lists;
 mod stored;
-mod units;
 
 use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
 
-pub(super) use self::stored::Registers;
-pub(super) use self::units::CLOSED_MICROSTEPS;
+pub(super) use self::stored::{CLOSED_MICROSTEPS, Registers};
 use super::mcode::statement::Name;
 use super::registers::Reg;
 
