@@ -37,8 +37,9 @@ use super::motion::{self, Contact, Motion};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
 use super::settings::motion_settings;
+use super::startup::Startup;
 use super::variables::{Registers, entry, is_number, words};
-use crate::device::{Boot, Context, Fault, Instant, PresetError};
+use crate::device::{Context, Fault, Instant, PresetError};
 
 /// The two products.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -66,30 +67,10 @@ impl Model {
     }
 }
 
-/// State of the drive, from power-on to ready.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum State {
-    /// No power.
-    Off,
-    /// Starting: the drive does not receive messages yet.
-    Booting {
-        /// Time at which the start ends.
-        due: Instant,
-        /// True after power-on, when the Ethernet controller starts, too. False after a restart of the drive
-        /// alone.
-        whole: bool,
-    },
-    /// Receiving messages. A Hybrid calibrates before it signs on.
-    Calibrating,
-    /// The sign-on has been sent.
-    Ready,
-}
-
 /// State of the drive with all its modules.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
-    pub(super) boot: Boot,
-    pub(super) state: State,
+    pub(super) startup: Startup,
     pub(super) saving: Saving,
     pub(super) bank: Registers,
     pub(super) errors: Errors,
@@ -106,8 +87,7 @@ impl Drive {
         let bank = Registers::new(model);
         let motion = Motion::new(motion_settings(&bank, None));
         Self {
-            boot: Boot::default(),
-            state: State::Off,
+            startup: Startup::OFF,
             saving: Saving::NONE,
             bank,
             errors: Errors::NONE,
@@ -119,29 +99,20 @@ impl Drive {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        let own = self.startup_due().min(self.saving.due());
+        let own = self.startup.deadline().min(self.saving.deadline());
         let machine = self.motion.deadline().min(self.io.deadline()).min(self.hybrid.deadline());
-        let mcode = &self.mcode;
-        let lines = mcode.consoles.deadline().min(mcode.vm.deadline()).min(mcode.trips.deadline());
-        own.min(machine).min(lines)
+        own.min(machine).min(self.mcode.deadline())
     }
 
+    /// Handles the deadlines, except those of MCode's lines.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.startup_due() <= at {
+        if self.startup.timeout(at) {
             self.ready(at, out);
         }
-        if self.saving.due() <= at {
-            self.saving.finish(at, out);
-        }
-        if self.io.deadline() <= at {
-            self.io.timeout(at, out);
-        }
-        if self.motion.deadline() <= at {
-            self.motion.timeout(at, out);
-        }
-        if self.hybrid.deadline() <= at {
-            self.run_hybrid(at, out, Hybrid::timeout);
-        }
+        self.saving.timeout(at, out);
+        self.io.timeout(at, out);
+        self.motion.timeout(at, out);
+        self.run_hybrid(at, out, Hybrid::timeout);
         self.dispatch_events(at, out);
     }
 
@@ -163,7 +134,7 @@ impl Drive {
 
     /// Switches the power off. Only presets follow until the next power-on.
     pub(super) fn power_off(&mut self) {
-        self.state = State::Off;
+        self.startup = Startup::OFF;
     }
 
     /// Presets a register. Before power-on the value counts as saved, later as written by the bus.
@@ -181,7 +152,7 @@ impl Drive {
         if !self.bank.has(reg) {
             return Err(PresetError::NoSuchRegister);
         }
-        if self.state == State::Off {
+        if self.startup.is_off() {
             return if row.saved == 0 {
                 Err(PresetError::ReadOnly)
             } else {
@@ -257,10 +228,10 @@ impl Drive {
     fn on_io_event(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
             // During start-up, active inputs have no effect, except limits and the home switch.
-            io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.is_started() => {}
+            io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.startup.is_started() => {}
             io::Event::Channel(channel, level) => self.motion.channel(at, channel, level, out),
             io::Event::Contact(contact, active) => self.motion.contact(at, contact, active, out),
-            _ if !self.is_started() => {}
+            _ if !self.startup.is_started() => {}
             io::Event::Clock(steps) => {
                 let from = self.motion.shaft().steps(at);
                 self.motion.follow(at, steps, out);
@@ -326,7 +297,7 @@ impl Drive {
 
     /// Checks rotor and temperature. This runs after every event.
     fn update_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.is_started() {
+        if self.startup.is_started() {
             self.run_hybrid(at, out, Hybrid::watch);
             // The warning is printed before the bridge is switched off.
             self.run_hybrid(at, out, Hybrid::watch_heat);
@@ -352,7 +323,7 @@ impl Drive {
                 hybrid::Event::Failed(error) => self.fail(at, error, out),
                 // MC 5-9 calls this "a locked rotor response".
                 hybrid::Event::CalibrationFailed => {
-                    let starts = self.state == State::Calibrating;
+                    let starts = self.startup.is_calibrating();
                     let error = if starts { Error::StartupCalibration } else { Error::CalibrationFailed };
                     self.fail(at, error, out);
                 }

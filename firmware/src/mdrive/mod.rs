@@ -221,7 +221,7 @@ impl Device for Mdrive {
         let drive = &mut self.drive;
         match input {
             Input::Message { port: MODBUS, link, bytes } => modbus::serve(drive, at, link, bytes, out),
-            Input::Message { link, bytes, .. } if drive.is_started() => {
+            Input::Message { link, bytes, .. } if drive.startup.is_started() => {
                 Interpreter::new(drive, at, out).received(link, bytes);
             }
             // Each character is noted, because pieces of input are not lines.
@@ -241,7 +241,7 @@ impl Device for Mdrive {
     }
 
     fn accepts(&self, _port: Port) -> bool {
-        self.drive.accepts_connections()
+        self.drive.startup.accepts_connections()
     }
 
     fn takes(&self, port: Port) -> bool {
@@ -249,7 +249,7 @@ impl Device for Mdrive {
     }
 
     fn receives_from(&self) -> Instant {
-        self.drive.receives_from()
+        self.drive.startup.receives_from()
     }
 
     fn deadline(&self) -> Instant {

@@ -86,7 +86,7 @@ impl Specific {
 /// Answers a request.
 pub(super) fn serve(drive: &mut Drive, at: Instant, link: Link, adu: &[u8], out: &mut dyn Context) {
     let mut reply = Adu::new();
-    let outcome = if drive.is_started() {
+    let outcome = if drive.startup.is_started() {
         serve_tcp(adu, &RULES, &mut Bus { drive, at, out }, &mut reply)
     } else {
         // After a restart the Ethernet controller receives requests while the drive itself still starts.

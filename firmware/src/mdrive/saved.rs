@@ -91,8 +91,15 @@ impl Saving {
     }
 
     /// End of the save in progress.
-    pub(super) fn due(&self) -> Instant {
+    pub(super) fn deadline(&self) -> Instant {
         self.0.map_or(Instant::NEVER, |parts| parts.variables.due())
+    }
+
+    /// Finishes the save in progress if it is due.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.deadline() <= at {
+            self.finish(at, out);
+        }
     }
 
     /// Finishes the save in progress, if any.

@@ -90,7 +90,7 @@ impl Interpreter<'_> {
 
     fn on_character(&mut self, link: Link, character: u8) {
         // An earlier Ctrl-C may have restarted the drive.
-        if self.drive.is_started() {
+        if self.drive.startup.is_started() {
             self.console_character(link, character);
             // A key takes effect at once.
             if character.is_ascii_control() {

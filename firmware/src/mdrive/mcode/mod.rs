@@ -61,6 +61,10 @@ impl Mcode {
             trips: Trips::NONE,
         }
     }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.consoles.deadline().min(self.vm.deadline()).min(self.trips.deadline())
+    }
 }
 
 /// The drive as MCode acts on it at an instant: by typed lines (`console`) and by the lines of a program (`execute`).

@@ -358,6 +358,9 @@ impl Motion {
     }
 
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
+        if at < self.deadline() {
+            return;
+        }
         if self.shaft.timeout(at, out) {
             self.closed.rebase(at, &self.shaft, &self.settings);
             self.counted(at, out);
