@@ -5,24 +5,19 @@
 //! The drive executes one line at a time, from any connection, and takes no other input from its connections
 //! meanwhile (MDRIVE-35).
 
-mod line;
-
 use core::mem;
 
-use heapless::Vec;
+use heapless::{Deque, Vec};
 
-use self::line::Console;
-pub(in crate::mdrive) use self::line::{Consoles, MAX_CONNECTIONS};
-use super::Interpreter;
-use super::parse::begins_number;
-use super::serial::{ACK, NAK, Party, PartyAddress, is_checked};
-use super::statement::{Place, Statement};
-use crate::device::{Context, DropReason, Instant, Link, LogEvent, Output};
+use super::program::LINE_BYTES;
+use super::serial::{Party, PartyAddress};
+use crate::device::{Context, DropReason, Duration, Instant, Link, LogEvent, Output};
 use crate::mdrive::MCODE;
-use crate::mdrive::error::{Error, Errors};
+use crate::mdrive::error::Errors;
 use crate::mdrive::reader::CR_LF;
 use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::Reg;
+use crate::mdrive::startup::SIGN_ON;
 use crate::mdrive::variables::Registers;
 
 const CTRL_C: u8 = 0x03;
@@ -32,312 +27,303 @@ const ESCAPE: u8 = 0x1B;
 const DELETE: u8 = 0x7F;
 
 /// Echo of a typed line, by EM (MC 7.1.1).
-mod echo {
+pub(super) mod echo {
     /// Each character, and a prompt.
-    pub(super) const FULL: u16 = 0;
+    pub(in crate::mdrive::mcode) const FULL: u16 = 0;
     /// CR LF when the line is accepted.
-    pub(super) const HALF: u16 = 1;
+    pub(in crate::mdrive::mcode) const HALF: u16 = 1;
     /// Nothing; only printed text is sent.
-    pub(super) const NONE: u16 = 2;
+    pub(in crate::mdrive::mcode) const NONE: u16 = 2;
     /// The whole line, after its end.
-    pub(super) const AFTERWARDS: u16 = 3;
+    pub(in crate::mdrive::mcode) const AFTERWARDS: u16 = 3;
 }
 
-impl Interpreter<'_> {
-    pub(in crate::mdrive) fn closed(&mut self, link: Link) {
-        self.consoles().close(link);
-        self.process_waiting();
-    }
+/// Maximum number of connections.
+pub(in crate::mdrive) const MAX_CONNECTIONS: usize = 4;
 
-    /// Handles characters, which may contain several lines. A line may change the state for the next one, so
-    /// the next one waits for it.
-    pub(in crate::mdrive) fn received(&mut self, link: Link, bytes: &[u8]) {
-        for character in bytes {
-            if self.consoles().takes() {
-                self.on_character(link, *character);
-            } else {
-                self.consoles().wait(link, *character);
-            }
-        }
-    }
+/// Number of characters that can wait during the execution of a line, if a client sends more than the drive
+/// [takes](crate::device::Device::takes). Further characters are lost.
+pub(in crate::mdrive) const WAITING: usize = 256;
 
-    /// Handles the deadlines of MCode: of a typed line, and of the program.
-    pub(in crate::mdrive) fn timeout(&mut self) {
-        self.console_timeout();
-        if self.drive.mcode.vm.deadline() <= self.at {
-            // A line has been executed, or the time of H has passed.
-            if self.drive.mcode.vm.timeout(self.at) {
-                self.execute_program_line();
-            }
-            self.drive.dispatch_events(self.at, self.out);
-        }
-    }
+/// A connection and the line that is being typed.
+#[derive(Clone, Debug)]
+struct Console {
+    link: Link,
+    line: Vec<u8, LINE_BYTES>,
+    /// True if the line was too long and is refused. The rest of it is dropped.
+    refused: bool,
+    /// True if the last character was CR. An LF after it belongs to the same end of line.
+    returned: bool,
+    address_state: PartyAddress,
+    /// Address of the next line, while in program mode.
+    programming: Option<u16>,
+}
 
-    /// Executes the line whose execution time has ended, then handles the characters received meanwhile.
-    fn console_timeout(&mut self) {
-        if let Some(link) = self.drive.mcode.consoles.executed(self.at) {
-            self.execute_line(link);
-            self.drive.dispatch_events(self.at, self.out);
-            self.process_waiting();
-        }
+impl Console {
+    const fn new(link: Link, address_state: PartyAddress) -> Self {
+        Self { link, line: Vec::new(), refused: false, returned: false, address_state, programming: None }
     }
+}
 
-    fn process_waiting(&mut self) {
-        while let Some((link, character)) = self.consoles().waited() {
-            self.on_character(link, character);
-        }
-    }
+/// A line that is complete.
+pub(super) struct Typed {
+    pub(super) line: Vec<u8, LINE_BYTES>,
+    /// Name by which the line called this drive; 0 if it called none.
+    pub(super) name: u8,
+    /// Address at which the line is stored, in program mode.
+    pub(super) programming: Option<u16>,
+}
 
-    fn on_character(&mut self, link: Link, character: u8) {
-        // An earlier Ctrl-C may have restarted the drive.
-        if self.drive.startup.is_started() {
-            self.console_character(link, character);
-            // A key takes effect at once.
-            if character.is_ascii_control() {
-                self.drive.dispatch_events(self.at, self.out);
-            }
-        } else {
-            note_lost_input(self.at, self.out);
-        }
-    }
+/// Result of a character.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Key {
+    None,
+    /// The line ends. The program continues at full speed if it `continues`.
+    End {
+        continues: bool,
+    },
+    /// The program executes one line.
+    Step,
+    /// The line is too long and is refused.
+    TooLong,
+    /// Ctrl-C: the drive restarts.
+    Restart,
+    /// Esc or Ctrl-E: motion and program stop.
+    Abort,
+}
 
-    fn console_character(&mut self, link: Link, character: u8) {
-        let party = self.drive.bank.is_party();
-        if party && !self.drive.mcode.consoles.is_for_me(self.at, link, character, &self.drive.bank, self.out)
-        {
-            return;
-        }
-        let echoes = self.drive.bank.echo_mode() == echo::FULL;
-        let (steps, escape) = (self.drive.mcode.vm.is_stepping(), self.drive.bank.escape());
-        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
-        let returned = mem::replace(&mut console.returned, character == b'\r');
-        let is_blank = console.line.trim_ascii().is_empty() && !console.refused;
-        match character {
-            b'\n' if returned && !party => {}
-            b'\r' if party => {}
-            b'\r' | b'\n' => {
-                if steps && is_blank {
-                    self.drive.mcode.vm.step(self.at, false);
-                }
-                self.end_line(link);
-            }
-            CTRL_C if self.drive.bank.word(Reg::CE) != 0 => {
-                note_key(self.at, character, self.out);
-                // The sign-on begins on a new line.
-                let is_open = echoes && !console.line.is_empty();
-                self.answer(link, if is_open { CR_LF } else { b"" });
-                self.drive.restart(self.at, self.out);
-            }
-            _ if character == escape => {
-                note_key(self.at, character, self.out);
-                self.abort(link);
-            }
-            CTRL_C | CTRL_E | ESCAPE => {
-                report(Err(Why::KeyIsOff), self.at, self.out);
-                note_key(self.at, character, self.out);
-            }
-            b' ' if steps && is_blank => self.drive.mcode.vm.step(self.at, true),
-            BACKSPACE | DELETE => {
-                let taken = console.line.pop().is_some();
-                let erasure: &[u8] = if taken && echoes { b"\x08 \x08" } else { b"" };
-                self.answer(link, erasure);
-            }
-            b'\t' | b' '.. if !console.refused => {
-                if console.line.push(character).is_err() {
-                    self.refuse_line(link);
-                } else if echoes {
-                    self.answer(link, &[character]);
-                }
-            }
-            // Ignored: the rest of a line that was too long, or a key that the drive does not have.
-            _ => {}
-        }
-    }
-
-    /// Handles the end of a line: its execution begins, unless the line was refused before.
-    fn end_line(&mut self, link: Link) {
-        let next = self.consoles().first_called();
-        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
-        if mem::take(&mut console.refused) {
-            console.line.clear();
-            console.address_state = next;
-            return;
-        }
-        let (line, programming) = (console.line.clone(), console.programming.is_some());
-        let takes = self.drive.reader(self.at).execution_time(&line, programming);
-        self.drive.mcode.consoles.execute(self.at, link, takes);
-    }
-
-    /// Executes a line, between the end of its echo and a prompt.
-    fn execute_line(&mut self, link: Link) {
-        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
-        let (mut line, name) = (mem::take(&mut console.line), console.address_state.name());
-        let stores = console.programming.is_some();
-        // Hardware sends no CR LF before printed text while a program runs; table 7.1 makes no such
-        // difference (MDRIVE-39).
-        let is_half = self.drive.bank.echo_mode() == echo::HALF;
-        let prints_alone = is_half
-            && self.drive.mcode.vm.is_running()
-            && !stores
-            && self.drive.reader(self.at).prints(&line);
-        if !prints_alone {
-            self.end_echo(link, &line);
-        }
-        let sums = self.drive.bank.check_sums();
-        let spoiled = sums != 0 && !is_checked(name, &line);
-        if sums != 0 {
-            line.pop();
-        }
-        let outcome = if spoiled { Ok(Answer::RxError) } else { self.run_statement(link, &line) };
-        if prints_alone && outcome.is_err() {
-            self.end_echo(link, &line);
-        }
-        self.conclude(link, &line, sums, outcome);
-        let next = self.consoles().first_called();
-        self.consoles().call(link, next);
-    }
-
-    /// Refuses a line that is too long (MC 5-57). The reply is sent before the line has ended.
-    fn refuse_line(&mut self, link: Link) {
-        let Some(console) = self.drive.mcode.consoles.find(link) else { return };
-        let line = mem::take(&mut console.line);
-        console.refused = true;
-        self.end_echo(link, &line);
-        self.conclude(link, &line, self.drive.bank.check_sums(), Err(Error::Unknown));
-    }
-
-    /// Handles Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
-    fn abort(&mut self, link: Link) {
-        if self.consoles().drop_line(link) {
-            self.drive.end_program();
-            self.drive.motion.halt(self.at, self.out);
-            let prompt = self.prompt();
-            self.drive.mcode.consoles.answer_abort(self.at, link, prompt, &self.drive.bank, self.out);
-        }
-    }
-
-    /// Ends a line: reports its error, and sends an acknowledgement and a prompt. `sums` is CK when the line
-    /// was executed.
-    fn conclude(&mut self, link: Link, line: &[u8], sums: u16, outcome: Result<Answer, Error>) {
-        let function = line.first().copied().unwrap_or(b'\r');
-        self.out.put(
-            self.at,
-            Output::Log(match outcome {
-                Ok(Answer::RxError) => LogEvent::Dropped { port: MCODE, why: DropReason::Crc },
-                Ok(_) => LogEvent::Request { port: MCODE, unit: 0, function },
-                Err(error) => LogEvent::Refused { port: MCODE, function, code: error as u8 },
-            }),
-        );
-        if let Err(error) = outcome {
-            self.drive.fail(self.at, error, self.out);
-        }
-        // "The response will be the sign on message" (MC 5-26).
-        let is_greeting = outcome == Ok(Answer::Greeting);
-        if sums != 0 && self.drive.bank.echo_mode() != echo::NONE && !is_greeting {
-            let good = outcome == Ok(Answer::Prompt);
-            // "ACK is not echoed if a program is running" (MC 5-12).
-            let acknowledged: &[u8] = match good {
-                true if sums == 2 && self.drive.mcode.vm.is_running() => &[],
-                true => &[ACK],
-                false => &[NAK],
-            };
-            self.answer(link, acknowledged);
-        }
-        if !is_greeting {
-            self.answer(link, self.prompt());
-        }
-    }
-
-    /// Executes the statement of a line.
-    ///
-    /// # Errors
-    /// The line is wrong, or the drive's state forbids it.
-    fn run_statement(&mut self, link: Link, line: &[u8]) -> Result<Answer, Error> {
-        let programming = self.consoles().find(link).and_then(|console| console.programming);
-        let statement = self.drive.reader(self.at).parse(line);
-        if statement.is_err() && programming.is_none() && begins_number(line) {
-            // "IF will be cleared to zero with a carriage return" (MC 5-36). This includes an invalid number.
-            self.drive.mcode.vm.set_input_pending(false);
-        }
-        let statement = statement?;
-        if let Some(address) = programming {
-            match statement {
-                Statement::Empty => {}
-                Statement::Program(place) => self.enter_program_mode(link, place)?,
-                _ => {
-                    self.drive.mcode.store_line(self.at, address, line, &statement, self.out)?;
-                    self.consoles().program_from(link, Some(address + 1));
-                    // These statements are usually typed, not stored in a program.
-                    let is_unusual = matches!(
-                        statement,
-                        Statement::Execute(..)
-                            | Statement::ListProgram(_)
-                            | Statement::Clear(_)
-                            | Statement::Defaults
-                    );
-                    report(Err(if is_unusual { Why::StoresLine } else { Why::Stored }), self.at, self.out);
-                }
-            }
-            return Ok(Answer::Prompt);
-        }
-        match statement {
-            Statement::Print(items) => {
-                let links = self.recipients(link);
-                self.print_on(links, items)?;
-            }
-            Statement::ListProgram(place) => {
-                let links = self.recipients(link);
-                self.list_program(links, place)?;
-            }
-            Statement::Program(place) => self.enter_program_mode(link, place)?,
-            Statement::Defaults => {
-                self.restore()?;
-                return Ok(Answer::Greeting);
-            }
-            _ => self.execute(&statement, false)?,
-        }
-        Ok(Answer::Prompt)
-    }
-
-    /// PG: begins program mode at a place, or continues there. Without a place program mode ends.
-    ///
-    /// # Errors
-    /// Error 30 or 42; 44 if the program is locked. Nothing has happened then.
-    fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
-        let address = match place {
-            Some(place) => {
-                self.drive.bank.needs_unlocked()?;
-                Some(self.drive.mcode.address(place)?)
-            }
-            None => None,
-        };
-        self.consoles().program_from(link, address);
-        Ok(())
-    }
-
-    fn consoles(&mut self) -> &mut Consoles {
-        &mut self.drive.mcode.consoles
-    }
-
-    /// Sends an answer on a connection, if this drive is to answer.
-    fn answer(&mut self, link: Link, bytes: &[u8]) {
-        self.drive.mcode.consoles.answer(self.at, link, bytes, &self.drive.bank, self.out);
-    }
-
-    fn end_echo(&mut self, link: Link, line: &[u8]) {
-        self.drive.mcode.consoles.end_echo(self.at, link, line, &self.drive.bank, self.out);
-    }
-
-    fn recipients(&self, link: Link) -> Vec<Link, MAX_CONNECTIONS> {
-        self.drive.mcode.consoles.recipients(link, &self.drive.bank)
-    }
-
-    fn prompt(&self) -> &'static [u8] {
-        prompt(&self.drive.bank, self.drive.errors)
-    }
+/// All connections.
+#[derive(Clone, Debug)]
+pub(in crate::mdrive) struct Consoles {
+    list: Vec<Console, MAX_CONNECTIONS>,
+    party: Party,
+    /// Connection whose line is being executed, and the end of the execution. There is only one at a time.
+    executing: Option<(Link, Instant)>,
+    /// Characters received during the execution, in their order.
+    waiting: Deque<(Link, u8), WAITING>,
 }
 
 impl Consoles {
+    pub(in crate::mdrive) const fn new() -> Self {
+        Self { list: Vec::new(), party: Party::Off, executing: None, waiting: Deque::new() }
+    }
+
+    /// Opens a connection.
+    ///
+    /// # Errors
+    /// There is no room.
+    fn open(&mut self, link: Link) -> Result<(), Console> {
+        self.list.push(Console::new(link, self.first_called()))
+    }
+
+    /// Closes a connection. Forgets the text that is being typed there, the command of this connection that is
+    /// in execution, and the characters that wait for its end.
+    pub(super) fn close(&mut self, link: Link) {
+        self.list.retain(|console| console.link != link);
+        self.executing.take_if(|(executing, _)| *executing == link);
+        for _ in 0..self.waiting.len() {
+            if let Some(typed) = self.waiting.pop_front().filter(|typed| typed.0 != link) {
+                // The queue has room again.
+                let _ = self.waiting.push_back(typed);
+            }
+        }
+    }
+
+    /// Returns true if a connection is in program mode.
+    pub(in crate::mdrive) fn is_programming(&self) -> bool {
+        self.list.iter().any(|console| console.programming.is_some())
+    }
+
+    /// Resets all connections for a restart of the drive. They stay open.
+    pub(in crate::mdrive) fn restart(&mut self) {
+        self.party = Party::Off;
+        self.executing = None;
+        self.waiting.clear();
+        for console in &mut self.list {
+            *console = Console::new(console.link, PartyAddress::Plain);
+        }
+    }
+
+    /// Begins or ends party mode. Unfinished lines are dropped.
+    pub(in crate::mdrive) fn set_party(&mut self, on: bool) {
+        if on == (self.party != Party::Off) {
+            return;
+        }
+        self.party = if on { Party::Waiting } else { Party::Off };
+        let address_state = self.first_called();
+        for console in &mut self.list {
+            *console =
+                Console { programming: console.programming, ..Console::new(console.link, address_state) };
+        }
+    }
+
+    /// Addressee at the beginning of a line.
+    fn first_called(&self) -> PartyAddress {
+        if self.party == Party::Off { PartyAddress::Plain } else { PartyAddress::Next }
+    }
+
+    /// All connections.
+    pub(in crate::mdrive) fn links(&self) -> Vec<Link, MAX_CONNECTIONS> {
+        let mut links = Vec::new();
+        for console in &self.list {
+            // The list has room for all connections.
+            let _ = links.push(console.link);
+        }
+        links
+    }
+
+    /// Sends text to every connection, such as PR of a program. Without a connection the text is lost.
+    pub(in crate::mdrive) fn send_to_all(&self, at: Instant, text: &[u8], out: &mut dyn Context) {
+        for console in &self.list {
+            send(at, console.link, text, out);
+        }
+    }
+
+    /// Sends the drive's name to every connection, because a move that announces its end has ended (MC 5-45).
+    pub(in crate::mdrive) fn send_name(&self, at: Instant, name: u16, out: &mut dyn Context) {
+        self.send_to_all(at, &[(name & 0x7F) as u8, b'\r', b'\n'], out);
+    }
+
+    /// Sends the sign-on and a prompt to every connection.
+    pub(in crate::mdrive) fn greet(&self, at: Instant, prompt: &[u8], out: &mut dyn Context) {
+        self.send_to_all(at, SIGN_ON, out);
+        self.send_to_all(at, prompt, out);
+    }
+
+    fn find(&mut self, link: Link) -> Option<&mut Console> {
+        self.list.iter_mut().find(|console| console.link == link)
+    }
+
+    /// Returns true if no line is being executed.
+    pub(in crate::mdrive) fn takes(&self) -> bool {
+        self.executing.is_none()
+    }
+
+    /// Time at which the line in execution takes effect.
+    pub(in crate::mdrive) fn deadline(&self) -> Instant {
+        self.executing.map_or(Instant::NEVER, |(_, due)| due)
+    }
+
+    /// Begins to execute the line on a connection.
+    pub(super) fn execute(&mut self, at: Instant, link: Link, takes: Duration) {
+        self.executing = Some((link, at + takes));
+    }
+
+    /// Takes the connection whose line has been executed.
+    pub(super) fn executed(&mut self, at: Instant) -> Option<Link> {
+        self.executing.take_if(|(_, due)| *due <= at).map(|(link, _)| link)
+    }
+
+    /// Stores characters that arrive while a line is being executed.
+    pub(super) fn wait(&mut self, link: Link, character: u8) {
+        // A client that respects `takes` never sends more characters than the queue holds.
+        let _ = self.waiting.push_back((link, character));
+    }
+
+    /// Takes the oldest waiting character, unless a line is being executed.
+    pub(super) fn waited(&mut self) -> Option<(Link, u8)> {
+        if self.takes() { self.waiting.pop_front() } else { None }
+    }
+
+    /// Handles a character, which is echoed if that is on. `steps` is true if the program waits for a key. Returns what
+    /// follows.
+    pub(super) fn character(
+        &mut self,
+        at: Instant,
+        link: Link,
+        character: u8,
+        registers: &Registers,
+        steps: bool,
+        out: &mut dyn Context,
+    ) -> Key {
+        let party = registers.is_party();
+        if party && !self.is_for_me(at, link, character, registers, out) {
+            return Key::None;
+        }
+        let echoes = registers.echo_mode() == echo::FULL;
+        let Some(console) = self.find(link) else { return Key::None };
+        let returned = mem::replace(&mut console.returned, character == b'\r');
+        let is_blank = console.line.trim_ascii().is_empty() && !console.refused;
+        match character {
+            b'\n' if returned && !party => Key::None,
+            b'\r' if party => Key::None,
+            b'\r' | b'\n' => Key::End { continues: steps && is_blank },
+            CTRL_C if registers.word(Reg::CE) != 0 => {
+                note_key(at, character, out);
+                // The sign-on begins on a new line.
+                let is_open = echoes && !console.line.is_empty();
+                self.answer(at, link, if is_open { CR_LF } else { b"" }, registers, out);
+                Key::Restart
+            }
+            _ if character == registers.escape() => {
+                note_key(at, character, out);
+                let programming = console.programming;
+                *console = Console { programming, ..Console::new(link, console.address_state) };
+                Key::Abort
+            }
+            CTRL_C | CTRL_E | ESCAPE => {
+                report(Err(Why::KeyIsOff), at, out);
+                note_key(at, character, out);
+                Key::None
+            }
+            b' ' if steps && is_blank => Key::Step,
+            BACKSPACE | DELETE => {
+                let taken = console.line.pop().is_some();
+                let erasure: &[u8] = if taken && echoes { b"\x08 \x08" } else { b"" };
+                self.answer(at, link, erasure, registers, out);
+                Key::None
+            }
+            b'\t' | b' '.. if !console.refused => {
+                if console.line.push(character).is_err() {
+                    console.refused = true;
+                    return Key::TooLong;
+                }
+                if echoes {
+                    self.answer(at, link, &[character], registers, out);
+                }
+                Key::None
+            }
+            // Ignored: the rest of a line that was too long, or a key that the drive does not have.
+            _ => Key::None,
+        }
+    }
+
+    /// Ends a line. Returns false if the line was refused before, so that it is not executed.
+    pub(super) fn end_line(&mut self, link: Link) -> bool {
+        let next = self.first_called();
+        let Some(console) = self.find(link) else { return false };
+        let refused = mem::take(&mut console.refused);
+        if refused {
+            console.line.clear();
+            console.address_state = next;
+        }
+        !refused
+    }
+
+    /// Line on a connection, and true if it is in program mode.
+    pub(super) fn line(&self, link: Link) -> (&[u8], bool) {
+        let console = self.list.iter().find(|console| console.link == link);
+        console.map_or((&[], false), |console| (&console.line, console.programming.is_some()))
+    }
+
+    /// Takes the line on a connection.
+    pub(super) fn take_line(&mut self, link: Link) -> Option<Typed> {
+        let console = self.find(link)?;
+        let line = mem::take(&mut console.line);
+        Some(Typed { line, name: console.address_state.name(), programming: console.programming })
+    }
+
+    /// Begins the next line, after one that has been executed.
+    pub(super) fn next_line(&mut self, link: Link) {
+        self.begin_line(link, self.first_called());
+    }
+
+    fn begin_line(&mut self, link: Link, address_state: PartyAddress) {
+        if let Some(console) = self.find(link) {
+            console.address_state = address_state;
+        }
+    }
+
     /// Opens a connection; a fifth one is closed (MDRIVE-8).
     pub(in crate::mdrive) fn opened(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         self.close(link);
@@ -364,11 +350,11 @@ impl Consoles {
             (_, ESCAPE | CTRL_E) => registers.word(Reg::ES) <= 1,
             (_, b'\n') => {
                 self.party = Party::Active;
-                self.call(link, PartyAddress::Next);
+                self.begin_line(link, PartyAddress::Next);
                 false
             }
             (PartyAddress::Next, name) if active => {
-                self.call(link, registers.addressee(name));
+                self.begin_line(link, registers.addressee(name));
                 // Table 7.2 shows no echo of the name, but hardware sends it (MDRIVE-40).
                 if registers.echo_mode() == echo::FULL {
                     self.answer(at, link, &[name], registers, out);
@@ -379,14 +365,15 @@ impl Consoles {
         }
     }
 
-    fn call(&mut self, link: Link, address_state: PartyAddress) {
-        if let Some(console) = self.find(link) {
-            console.address_state = address_state;
-        }
-    }
-
     /// Sends the end of a line's echo. With checksums an acknowledgement is sent instead of CR LF.
-    fn end_echo(&self, at: Instant, link: Link, line: &[u8], registers: &Registers, out: &mut dyn Context) {
+    pub(super) fn end_echo(
+        &self,
+        at: Instant,
+        link: Link,
+        line: &[u8],
+        registers: &Registers,
+        out: &mut dyn Context,
+    ) {
         let mode = registers.echo_mode();
         if mode == echo::AFTERWARDS {
             self.answer(at, link, line, registers, out);
@@ -397,21 +384,28 @@ impl Consoles {
     }
 
     /// Sets the address from which typed lines are stored; `None` ends program mode.
-    fn program_from(&mut self, link: Link, address: Option<u16>) {
+    pub(super) fn program_from(&mut self, link: Link, address: Option<u16>) {
         if let Some(console) = self.find(link) {
             console.programming = address;
         }
     }
 
     /// Sends an answer on a connection, if this drive is to answer.
-    fn answer(&self, at: Instant, link: Link, bytes: &[u8], registers: &Registers, out: &mut dyn Context) {
+    pub(super) fn answer(
+        &self,
+        at: Instant,
+        link: Link,
+        bytes: &[u8],
+        registers: &Registers,
+        out: &mut dyn Context,
+    ) {
         for link in &self.recipients(link, registers) {
             send(at, *link, bytes, out);
         }
     }
 
     /// Connections that get the answer to a line: its own, or none if this drive is not to answer.
-    fn recipients(&self, link: Link, registers: &Registers) -> Vec<Link, MAX_CONNECTIONS> {
+    pub(super) fn recipients(&self, link: Link, registers: &Registers) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         let console = self.list.iter().find(|console| console.link == link);
         if console.is_some_and(|console| registers.answers(console.address_state)) {
@@ -421,15 +415,8 @@ impl Consoles {
         links
     }
 
-    /// Drops what is being typed on a connection. Returns false if there is no such connection.
-    fn drop_line(&mut self, link: Link) -> bool {
-        let Some(console) = self.find(link) else { return false };
-        *console = Console { programming: console.programming, ..Console::new(link, console.address_state) };
-        true
-    }
-
     /// Answers Esc or Ctrl-E.
-    fn answer_abort(
+    pub(super) fn answer_abort(
         &self,
         at: Instant,
         link: Link,
@@ -460,7 +447,7 @@ impl Consoles {
 
 impl Registers {
     /// Echo mode (EM): one of [`echo`].
-    fn echo_mode(&self) -> u16 {
+    pub(super) fn echo_mode(&self) -> u16 {
         self.word(Reg::EM)
     }
 
@@ -477,16 +464,6 @@ pub(in crate::mdrive) fn prompt(registers: &Registers, errors: Errors) -> &'stat
         (echo::FULL, true) => b"?",
         _ => b"",
     }
-}
-
-/// Answer to a line that was executed.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Answer {
-    Prompt,
-    /// The checksum was wrong; the line had no effect.
-    RxError,
-    /// The sign-on and a prompt were the answer.
-    Greeting,
 }
 
 /// Notes that the drive loses what was typed, if anything, because it is starting (MDRIVE-7).

@@ -2,7 +2,8 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `console` | a connection: echo, lines, keys, prompts |
+//! | `console` | connections: characters, keys, echo, answers |
+//! | `typed` | execution of typed lines |
 //! | `serial` | party mode and checksums, as in drives with a serial port |
 //! | `mnemonic` | names of the language |
 //! | `statement` | a line after parsing |
@@ -26,6 +27,7 @@ mod run;
 mod serial;
 pub(super) mod statement;
 pub(super) mod trip;
+mod typed;
 pub(super) mod vm;
 
 #[cfg(test)]
@@ -67,7 +69,7 @@ impl Mcode {
     }
 }
 
-/// The drive as MCode acts on it at an instant: by typed lines (`console`) and by the lines of a program (`execute`).
+/// The drive as MCode acts on it at an instant: by typed lines (`typed`) and by the lines of a program (`execute`).
 pub(super) struct Interpreter<'a> {
     drive: &'a mut Drive,
     at: Instant,
