@@ -13,7 +13,6 @@
 //! | `motion` | the motor and its encoder |
 //! | `hybrid` | additional functions of a Hybrid |
 //! | `io` | the I/O points |
-//! | `settings` | settings of motion and I/O |
 //!
 //! `registers`, `variables::stored`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
 //! trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
@@ -36,7 +35,6 @@ use super::mcode::trip::Made;
 use super::motion::{self, Contact, Motion};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
-use super::settings::motion_settings;
 use super::startup::Startup;
 use super::variables::{Registers, entry, is_number, words};
 use crate::device::{Context, Fault, Instant, PresetError};
@@ -85,7 +83,7 @@ impl Drive {
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Registers::new(model);
-        let motion = Motion::new(motion_settings(&bank, None));
+        let motion = Motion::new(motion::Settings::of(&bank, None));
         Self {
             startup: Startup::OFF,
             saving: Saving::NONE,

@@ -16,7 +16,6 @@ mod reader;
 mod reasons;
 mod registers;
 mod saved;
-mod settings;
 mod startup;
 mod variables;
 

@@ -4,8 +4,8 @@ use super::drive::{Drive, Model};
 use super::error::Error;
 use super::mcode::console::{Consoles, note_lost_input, prompt};
 use super::mcode::statement::Place;
+use super::motion;
 use super::saved::Saving;
-use super::settings::motion_settings;
 use crate::device::{Boot, Context, Duration, Instant};
 
 /// Sign-on text, which is sent on MCode connections when the drive is ready (MC 5-26).
@@ -129,7 +129,7 @@ impl Drive {
         if whole {
             self.motion.shaft_mut().unplug(at);
         }
-        self.motion.power_on(at, motion_settings(&self.bank, Some(&self.io)), out);
+        self.motion.power_on(at, motion::Settings::of(&self.bank, Some(&self.io)), out);
         self.apply_variables(at, out);
         if !good {
             self.errors.set(Error::Flash);

@@ -25,9 +25,8 @@ use self::status::{Limit, condition};
 use super::drive::Model;
 use super::error::Error;
 use super::io::Io;
-use super::motion::Motion;
+use super::motion::{self, Motion};
 use super::registers::Reg;
-use super::settings::set_motion;
 use super::variables::Registers;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Context, Fault, Instant};
@@ -270,4 +269,21 @@ fn is_in_torque_mode(registers: &Registers) -> bool {
 /// Temperature of the warning, in °C: above WT.
 fn warning(registers: &Registers) -> i64 {
     i64::from(registers.word(Reg::WT)) + 1
+}
+
+/// Passes the settings to motion. The bridge is on if DE is 1, unless the circuitry has switched it off
+/// (`is_disabled`).
+pub(super) fn set_motion(
+    at: Instant,
+    registers: &mut Registers,
+    io: &Io,
+    is_disabled: bool,
+    motion: &mut Motion,
+    out: &mut dyn Context,
+) {
+    let settings = motion::Settings::of(registers, Some(io)).switched_off(is_disabled);
+    if motion.set(at, settings, out) {
+        // "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50).
+        registers.set(Reg::MU, 0);
+    }
 }

@@ -2,9 +2,9 @@
 //!
 //! [`Closed`] finds stalls and positions that are off. Motion stops or corrects the motor.
 
-use super::activity::{Activity, Move};
-use super::settings::Settings;
+use super::Settings;
 use super::shaft::Shaft;
+use super::{Activity, Move};
 use crate::device::{Duration, Instant};
 
 /// "After failing 3 attempts Error 92 will be generated" (MC 9.6).

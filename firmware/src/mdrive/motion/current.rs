@@ -1,8 +1,8 @@
 //! Current of the motor at rest: it falls from RC to HC when HT has passed since the end of all motion (MC
 //! 5-32; MDRIVE-19).
 
-use super::activity::Activity;
-use super::settings::Settings;
+use super::Activity;
+use super::Settings;
 use crate::device::{Duration, Instant};
 
 /// State of the current.

@@ -13,9 +13,9 @@
 //! | `Creep` | 3 | at VI off the mark | off the mark: the step is finished (4) |
 //! | `Turn` | MC 5-43 | stop at a limit | after MT: `Creep` if on the mark, else `Search` |
 
-use super::activity::Order;
+use super::Order;
+use super::Settings;
 use super::contacts::limit_error;
-use super::settings::Settings;
 use crate::device::Duration;
 use crate::mdrive::error::Error;
 

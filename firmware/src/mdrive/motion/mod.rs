@@ -5,11 +5,12 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `settings`, `scale` | settings; steps and counts |
+//! | `inputs` | inputs of the motion, and what the drive reads of it |
+//! | `orders` | how one activity follows another |
+//! | `scale` | steps and counts |
 //! | `shaft` | the shaft: the motor's plan and current, encoder, C1 and C2, the rotor's lag |
 //! | `response` | SS: the maximum speed of a Hybrid's rotor |
 //! | `encoder` | the encoder on the shaft, or a remote one |
-//! | `activity` | the present activity, and commands |
 //! | `queue` | the waiting task; PS and RS |
 //! | `contacts` | home switch, limits and jog contacts |
 //! | `home` | homing to a switch or to the index |
@@ -17,12 +18,11 @@
 //! | `closed` | EE = 1: stalls, positions that are off |
 //! | `current` | RC and HC |
 //! | `events` | events for the rest of the drive |
-//! | `orders` | how one activity follows another |
 //!
-//! The parts own their state, do not know [`Motion`], and return what follows. This file takes the inputs;
-//! `orders` acts on them and on what the parts return. Each input ends with `refresh`.
+//! The parts own their state, do not know [`Motion`], and return what follows. `inputs` takes the inputs, each of
+//! which ends with `refresh`; `orders` acts on them and on what the parts return. This file has the values that they
+//! share.
 
-mod activity;
 mod closed;
 mod contacts;
 mod current;
@@ -30,19 +30,17 @@ mod encoder;
 mod events;
 mod follow;
 mod home;
+mod inputs;
 mod orders;
 mod queue;
 mod response;
 mod scale;
-mod settings;
 mod shaft;
 #[cfg(test)]
 mod tests;
 
 use fixed::types::I24F8;
 
-pub(super) use self::activity::Order;
-use self::activity::{Activity, Preemption};
 use self::closed::Closed;
 pub(super) use self::contacts::Contact;
 use self::contacts::Contacts;
@@ -51,14 +49,346 @@ pub(super) use self::encoder::Channel;
 pub(super) use self::events::Event;
 use self::events::Events;
 use self::follow::Follow;
-use self::orders::Brake;
-use self::queue::Queue;
-pub(super) use self::settings::Settings;
+use self::home::Homing;
+use self::queue::{Queue, Task};
+use self::scale::Scale;
 pub(super) use self::shaft::Shaft;
 use super::error::Error;
+use super::hybrid::frequency;
+use super::io::Io;
 use super::reasons::Why;
-use crate::device::{Context, Instant, Plan};
+use super::registers::Reg;
+use super::variables::Registers;
+use crate::device::Instant;
 use crate::motion::Limits;
+use crate::motor::stepper::StepperParameters;
+
+/// Value of CR at which the motor follows a clock without ramps.
+const AT_ONCE: u16 = 1_000;
+
+/// Settings of the motion: present values of variables.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Settings {
+    /// Initial speed VI and maximum speed VM, in steps/s or counts/s.
+    start: u32,
+    speed: u32,
+    /// Acceleration A and deceleration D.
+    up: u32,
+    down: u32,
+    /// MS: microsteps in a full step.
+    microsteps: u16,
+    /// Settling time MT and delay HT to the holding current, in ms.
+    settle_ms: u16,
+    hold_delay_ms: u16,
+    /// Run current RC and holding current HC, in %.
+    run_percent: u8,
+    hold_percent: u8,
+    /// DE: true if the output bridge is on.
+    enabled: bool,
+    /// Maximum speed of the rotor, in steps/s: SS of a Hybrid with AS 1 and 2.
+    response: u32,
+    /// True if the circuitry keeps the field next to a rotor that does not follow: AS of a Hybrid is not 0.
+    keeps_field: bool,
+    /// LM: reaction to a limit, 1 to 6.
+    limit_mode: u8,
+    /// Debounce time of the home switch, one of D1 to D4, in ms.
+    home_debounce_ms: u8,
+    /// JE: true if jog contacts turn the motor.
+    jogs: bool,
+    /// CM with clock inputs: limits and jog have no effect.
+    follows_clock: bool,
+    /// Clock ratio CR, in thousandths.
+    ratio: u16,
+    /// EE: true if the user's units are counts. EL: lines of the encoder.
+    closed: bool,
+    lines: u16,
+    /// Deadband DB and stall factor SF, in counts; SM: continue after a stall; PM: position maintenance.
+    deadband: u16,
+    stall_factor: u16,
+    goes_on_stalled: bool,
+    maintains: bool,
+    /// The motor and its load.
+    machine: StepperParameters,
+}
+
+impl Settings {
+    /// Settings of the motion. Without `io` the motion follows no clock and has no home switch.
+    pub(super) fn of(bank: &Registers, io: Option<&Io>) -> Self {
+        let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
+        let byte = |reg| (bank.word(reg) & 0xFF) as u8;
+        let flag = |reg| bank.word(reg) != 0;
+        Self {
+            start: long(Reg::VI),
+            speed: long(Reg::VM),
+            up: long(Reg::A),
+            down: long(Reg::D),
+            microsteps: bank.word(Reg::MS),
+            settle_ms: bank.word(Reg::MT),
+            hold_delay_ms: bank.word(Reg::HT),
+            run_percent: byte(Reg::RC),
+            hold_percent: byte(Reg::HC),
+            enabled: flag(Reg::DE),
+            response: response(bank),
+            keeps_field: bank.word(Reg::AS) != 0,
+            limit_mode: byte(Reg::LM),
+            jogs: flag(Reg::JE),
+            home_debounce_ms: io.map_or(0, Io::home_debounce_ms),
+            follows_clock: io.is_some_and(Io::follows_clock),
+            ratio: bank.word(Reg::CR),
+            closed: flag(Reg::EE),
+            lines: bank.word(Reg::EL),
+            deadband: bank.word(Reg::DB),
+            stall_factor: bank.word(Reg::SF),
+            goes_on_stalled: flag(Reg::SM),
+            maintains: flag(Reg::PM),
+            machine: machine(bank),
+        }
+    }
+
+    /// The settings with the bridge off if `is_disabled`, whatever the value of DE.
+    pub(super) fn switched_off(self, is_disabled: bool) -> Self {
+        Self { enabled: self.enabled && !is_disabled, ..self }
+    }
+
+    /// Scale of the user's units.
+    fn scale(&self) -> Scale {
+        if self.closed { self.closed_scale() } else { Scale::STEPS }
+    }
+
+    /// Scale with EE = 1.
+    pub(super) fn closed_scale(&self) -> Scale {
+        Scale::new(self.steps_per_rev(), 4 * i64::from(self.lines.max(1)))
+    }
+
+    /// Steps of the motor in a revolution.
+    fn steps_per_rev(&self) -> i64 {
+        i64::from(self.machine.steps_per_rev) * i64::from(self.microsteps)
+    }
+
+    /// VI, VM, A and D, converted to steps.
+    fn rates(&self) -> Limits {
+        let scale = self.scale();
+        Limits {
+            start_speed: scale.speed(self.start),
+            max_speed: scale.speed(self.speed),
+            acceleration: scale.acceleration(self.up),
+            deceleration: scale.acceleration(self.down),
+        }
+    }
+
+    /// Returns true if the motor follows the clock without ramps.
+    fn follows_at_once(&self) -> bool {
+        self.ratio == AT_ONCE
+    }
+
+    /// Returns true if PM is in effect, which requires that the bridge is on.
+    fn keeps_position(&self) -> bool {
+        self.closed && self.maintains && self.enabled
+    }
+
+    /// Returns true if the bridge is off although the circuitry is on (MC 5-50).
+    fn lacks_bridge(&self) -> bool {
+        self.keeps_field && !self.enabled
+    }
+
+    /// Counts off the target that count as a stall.
+    fn stall_counts(&self) -> i32 {
+        self.stall_factor.max(1).into()
+    }
+
+    /// Returns true if a limit stops the motor without a ramp.
+    fn stops_abruptly(&self) -> bool {
+        self.limit_mode >= 4
+    }
+}
+
+/// Highest speed that the rotor can follow, in steps/s. SS limits it with AS 1 and 2 only (FB 5.1); an
+/// MDrivePlus has no AS.
+fn response(bank: &Registers) -> u32 {
+    match bank.word(Reg::AS) {
+        1 | 2 => frequency(bank.word(Reg::SS).into()).unsigned_abs(),
+        _ => u32::MAX,
+    }
+}
+
+/// Parameters of the motor and its load.
+fn machine(bank: &Registers) -> StepperParameters {
+    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
+    StepperParameters {
+        steps_per_rev: bank.word(Reg::FullSteps),
+        holding_unm: long(Reg::HoldingTorque) * 1_000,
+        pull_out_rpm: long(Reg::PullOutSpeed),
+        inertia_gcm2: long(Reg::Inertia),
+        friction_unm: long(Reg::Friction) * 1_000,
+        load_unm: i32::try_from(bank.get(Reg::Load)).unwrap_or(0) * 1_000,
+        ..StepperParameters::NOMINAL
+    }
+}
+
+/// Motion command. Positions and speeds are in the user's units: steps, or counts with EE = 1.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Order {
+    /// MA: move to a position.
+    To { position: i32, notify_on_end: bool, continuous: bool },
+    /// MR: move by a distance.
+    By { distance: i32, notify_on_end: bool, continuous: bool },
+    /// SL: turn at this speed.
+    Slew(i32),
+    /// HM: homing to the switch, with type 1 to 4.
+    Home(u8),
+    /// HI: homing to the index, with type 1 to 4.
+    HomeToIndex(u8),
+}
+
+/// Present activity.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Activity {
+    Rest,
+    /// A move is being calculated.
+    Planning(Move),
+    Moves(Move),
+    /// SL: turns without end at this speed, in the user's unit.
+    Slews(i32),
+    Jogs {
+        back: bool,
+    },
+    /// Ramp to standstill. The waiting task begins after that, `at_once` or after MT.
+    Stops {
+        at_once: bool,
+    },
+    /// Settling time MT, after a move or another motion.
+    Settles(Option<Move>),
+    Homes(Homing),
+    /// The motor follows the clock inputs.
+    Follows,
+    /// A Hybrid's circuitry turns the motor, with this percentage of its current.
+    CircuitDriven {
+        percent: u8,
+        preemption: Preemption,
+    },
+}
+
+/// Treatment of a motion command while a Hybrid's circuitry turns the shaft.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Preemption {
+    /// The command is executed at once.
+    AtOnce,
+    /// The command waits until the rotor is at rest.
+    AtStandstill,
+    /// The command is ignored.
+    Never,
+}
+
+/// A move to a position.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Move {
+    /// Target position of the plan.
+    target: i32,
+    /// Target count of the encoder, with EE = 1.
+    encoder_target: Option<i32>,
+    /// True if MA or MR ordered the move, false for position maintenance.
+    ordered: bool,
+    /// True if the drive sends its name at the end.
+    notify_on_end: bool,
+    /// True if the motion does not stop at the target.
+    continuous: bool,
+    /// Speed at which the motion continues after the target, in the user's unit: VM when the move began.
+    speed: u32,
+    /// Number of corrections of the position so far.
+    tries: u8,
+}
+
+impl Move {
+    /// Move that an order makes from here. An order that is not a move makes one of no steps.
+    ///
+    /// # Errors
+    /// Error 21: the distance has more than 32 bits of steps.
+    fn of(order: Order, at: Instant, shaft: &Shaft, settings: &Settings) -> Result<Self, Error> {
+        let (distance, notify_on_end, continuous) = match order {
+            Order::To { position, notify_on_end, continuous } => {
+                (position.wrapping_sub(shaft.displayed_position(at)), notify_on_end, continuous)
+            }
+            Order::By { distance, notify_on_end, continuous } => (distance, notify_on_end, continuous),
+            Order::Slew(_) | Order::Home(_) | Order::HomeToIndex(_) => (0, false, false),
+        };
+        let steps = shaft.steps_of(at, distance).ok_or(Error::IllegalValue)?;
+        Ok(Self {
+            target: shaft.position(at).wrapping_add(steps),
+            encoder_target: settings.closed.then(|| shaft.count(at).wrapping_add(distance)),
+            ordered: true,
+            notify_on_end,
+            continuous,
+            speed: settings.speed,
+            tries: 0,
+        })
+    }
+
+    /// Move that brings the encoder back to `encoder_target`.
+    fn back_to(encoder_target: i32) -> Self {
+        Self {
+            target: 0,
+            encoder_target: Some(encoder_target),
+            ordered: false,
+            notify_on_end: false,
+            continuous: false,
+            speed: 0,
+            tries: 0,
+        }
+    }
+}
+
+impl Activity {
+    /// Returns true if the axis is at rest: nothing moves, settles or is calculated.
+    pub(super) fn is_rest(&self) -> bool {
+        matches!(self, Self::Rest)
+    }
+
+    /// Returns true if no plan runs.
+    fn is_idle(&self) -> bool {
+        matches!(self, Self::Rest | Self::Planning(_) | Self::Settles(_))
+    }
+
+    /// Returns true if the circuitry turns the motor.
+    pub(super) fn is_circuit_driven(&self) -> bool {
+        matches!(self, Self::CircuitDriven { .. })
+    }
+
+    /// Returns true if the motion has inertia.
+    fn spins(&self) -> bool {
+        matches!(self, Self::CircuitDriven { preemption: Preemption::Never | Preemption::AtStandstill, .. })
+    }
+
+    /// Returns true if the motor turns without end, until something stops it.
+    fn is_endless(&self) -> bool {
+        matches!(self, Self::Slews(_) | Self::Jogs { .. } | Self::Follows)
+    }
+
+    /// Task that PS interrupts and RS continues. A jog or a motion by the clock is none, because it is not the
+    /// program's.
+    fn task(&self) -> Option<Task> {
+        match *self {
+            Self::Planning(movement) | Self::Moves(movement) if movement.ordered => {
+                Some(Task::Move(movement))
+            }
+            Self::Slews(speed) => Some(Task::Slew(speed)),
+            Self::Homes(homing) => Some(Task::Home(homing.order())),
+            _ => None,
+        }
+    }
+
+    /// Checks that the motion uses new values of A, D and VI, or of VM (`is_speed`).
+    ///
+    /// # Errors
+    /// The motion keeps the values with which it began (MDRIVE-17).
+    pub(super) fn needs_rates(&self, is_speed: bool) -> Result<(), Why> {
+        match self {
+            Self::Moves(_) => Err(Why::KeepsRates),
+            Self::Slews(_) if is_speed => Err(Why::SlewHasSpeed),
+            Self::Slews(_) => Err(Why::NextSpeed),
+            _ => Ok(()),
+        }
+    }
+}
 
 /// Motion that a Hybrid's circuitry makes on its own. C1 does not count it (MC 5-9).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -88,369 +418,4 @@ pub(super) struct Motion {
     index_due: Instant,
     current: Current,
     events: Events,
-}
-
-impl Motion {
-    /// Creates a motor at rest at position 0. The settings give the number of lines of the built-in
-    /// encoder.
-    pub(super) fn new(settings: Settings) -> Self {
-        Self {
-            shaft: Shaft::new(&settings),
-            settings,
-            activity: Activity::Rest,
-            due: Instant::NEVER,
-            queue: Queue::EMPTY,
-            contacts: Contacts::NONE,
-            closed: Closed::NEW,
-            follow: Follow::NEW,
-            index_due: Instant::NEVER,
-            current: Current::at_power_on(Instant::ZERO),
-            events: Events::NONE,
-        }
-    }
-
-    /// Handles power-on or a restart: clears everything except the shaft's position, the levels of the remote
-    /// encoder, and the blocking of the shaft. Contacts that are active follow as events.
-    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
-        self.settings = settings;
-        self.shaft.power_on(at, &settings, out);
-        (self.activity, self.due) = (Activity::Rest, Instant::NEVER);
-        (self.queue, self.contacts) = (Queue::EMPTY, Contacts::NONE);
-        (self.closed, self.follow) = (Closed::NEW, Follow::NEW);
-        self.closed.keep(at, &self.shaft, &self.settings);
-        self.current = Current::at_power_on(at);
-        self.events = Events::NONE;
-        self.refresh(at, out);
-    }
-
-    /// Applies new values of variables. A move in progress keeps the speed and the ramps with which it began
-    /// (MDRIVE-17). Returns true if the bridge goes off although the circuitry is on.
-    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) -> bool {
-        let before = core::mem::replace(&mut self.settings, settings);
-        if settings == before {
-            return false;
-        }
-        self.shaft.set(at, &settings, out);
-        let is_another = settings.machine.steps_per_rev != before.machine.steps_per_rev;
-        if is_another {
-            self.shaft.clear_lag(at);
-        }
-        if is_another || (settings.closed, settings.lines) != (before.closed, before.lines) {
-            self.closed.begin(at, &self.shaft);
-        }
-        if (settings.closed && settings.maintains) != (before.closed && before.maintains) {
-            self.closed.keep(at, &self.shaft, &self.settings);
-        }
-        // CM has changed, or CR between with ramps and without ramps (MDRIVE-33).
-        let ends_following = (settings.follows_clock, settings.follows_at_once())
-            != (before.follows_clock, before.follows_at_once());
-        if ends_following && self.activity == Activity::Follows {
-            self.brake(at, Brake::Ramp { at_once: false }, out);
-        }
-        // JE = 0 ends a jog. JE = 1 begins one if a contact is active already.
-        match self.activity {
-            Activity::Jogs { .. } if !settings.jogs => self.brake(at, Brake::Ramp { at_once: false }, out),
-            Activity::Rest if settings.jogs && !before.jogs => self.begin_jog(at, out),
-            _ => {}
-        }
-        if settings.enabled && !before.enabled {
-            self.maintain(at, out);
-        }
-        self.refresh(at, out);
-        settings.lacks_bridge() && !before.lacks_bridge()
-    }
-
-    /// Executes a motion command.
-    ///
-    /// # Errors
-    /// Error 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
-    /// then. (The I/O reports 80, the Hybrid 88.) The inner error is the reason why the command does not begin now.
-    pub(super) fn order(
-        &mut self,
-        at: Instant,
-        order: Order,
-        out: &mut dyn Context,
-    ) -> Result<Result<(), Why>, Error> {
-        if let Activity::CircuitDriven { preemption: Preemption::AtOnce, .. } = self.activity {
-            self.end_circuit(at, out);
-        }
-        let begins = self.begin_order(at, order, out)?;
-        self.refresh(at, out);
-        Ok(begins)
-    }
-
-    /// Stops any motion with the deceleration D.
-    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
-        self.clear_waiting();
-        self.brake(at, Brake::Ramp { at_once: false }, out);
-        self.refresh(at, out);
-    }
-
-    /// Stops any motion without a ramp (Esc).
-    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
-        self.clear_waiting();
-        self.brake(at, Brake::Halt, out);
-        self.refresh(at, out);
-    }
-
-    /// Drops the waiting task and the task that PS has interrupted. A pause ends without RS.
-    pub(super) fn clear_waiting(&mut self) {
-        self.queue = Queue::EMPTY;
-    }
-
-    /// PS: stops with D and stores the rest of the motion.
-    pub(super) fn pause(&mut self, at: Instant, out: &mut dyn Context) {
-        self.queue.pause(self.activity.task());
-        if !matches!(self.activity, Activity::Settles(_)) {
-            self.brake(at, Brake::Ramp { at_once: false }, out);
-        }
-        self.refresh(at, out);
-    }
-
-    /// RS: continues with the stored motion.
-    pub(super) fn resume(&mut self, at: Instant, out: &mut dyn Context) {
-        if !self.queue.resume() {
-            return;
-        }
-        match self.queue.take_interrupted() {
-            Some(task) if self.activity.is_rest() => {
-                self.begin(at, task, out);
-                // A limit may have prevented the start of the task.
-                if self.activity.is_rest() {
-                    self.over(at, out);
-                }
-            }
-            // Another motion was commanded meanwhile.
-            Some(task) => {
-                self.queue.set(Some(task));
-                if self.activity.is_endless() {
-                    self.brake(at, Brake::Ramp { at_once: true }, out);
-                }
-            }
-            None if self.activity.is_rest() => self.over(at, out),
-            None => {}
-        }
-        self.refresh(at, out);
-    }
-
-    /// Handles a contact that becomes active or inactive.
-    pub(super) fn contact(&mut self, at: Instant, contact: Contact, active: bool, out: &mut dyn Context) {
-        if !self.contacts.set(contact, active) {
-            return;
-        }
-        match contact {
-            Contact::PlusLimit if active => self.limit(at, false, out),
-            Contact::MinusLimit if active => self.limit(at, true, out),
-            Contact::PlusLimit | Contact::MinusLimit => {}
-            // `refresh` looks at the mark.
-            Contact::Home => {}
-            Contact::JogPlus | Contact::JogMinus => self.jog(at, active, out),
-        }
-        self.refresh(at, out);
-    }
-
-    /// Makes steps that the clock inputs request. They are ignored during any other motion.
-    pub(super) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
-        let begins = self.activity.is_rest();
-        if !self.settings.follows_clock || !begins && self.activity != Activity::Follows {
-            return;
-        }
-        if begins {
-            self.closed.begin(at, &self.shaft);
-            self.follow = Follow::begin(at, self.shaft.position(at));
-            self.enter(Activity::Follows, at + follow::CHECK_PERIOD);
-        }
-        self.follow.take(at, steps);
-        if self.settings.follows_at_once() {
-            self.shaft.step(at, steps, out);
-        }
-        self.refresh(at, out);
-    }
-
-    /// Sets the level of a remote encoder's pin; `None` if nothing drives the pin any more.
-    pub(super) fn channel(
-        &mut self,
-        at: Instant,
-        channel: Channel,
-        level: Option<bool>,
-        out: &mut dyn Context,
-    ) {
-        self.shaft.set_channel(at, channel, level);
-        self.counted(at, out);
-        self.refresh(at, out);
-    }
-
-    /// Adds edges that a remote encoder has made. Its channels A and B have these levels now.
-    pub(super) fn count(&mut self, at: Instant, edges: i32, channels: [bool; 2], out: &mut dyn Context) {
-        self.shaft.take_edges(at, edges, channels);
-        self.counted(at, out);
-        self.refresh(at, out);
-    }
-
-    /// Blocks the shaft, or releases it.
-    pub(super) fn block_shaft(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
-        self.shaft.set_blocked(at, blocked);
-        self.counted(at, out);
-        self.refresh(at, out);
-    }
-
-    /// Lets a rotor that is free again continue from its present position, without waiting for standstill.
-    pub(super) fn resynchronise_rotor(&mut self, at: Instant, out: &mut dyn Context) {
-        self.shaft.resynchronise(at);
-        self.refresh(at, out);
-    }
-
-    /// Begins a motion of the circuitry with a percentage of the motor's current, in place of a running one. The
-    /// axis must be at rest or circuit-driven; otherwise nothing happens.
-    pub(super) fn begin_circuit(
-        &mut self,
-        at: Instant,
-        circuit: Circuit,
-        percent: u8,
-        out: &mut dyn Context,
-    ) {
-        if !self.activity.is_rest() && !self.activity.is_circuit_driven() {
-            return;
-        }
-        let plan = self.shaft.plan();
-        let (plan, preemption) = match circuit {
-            Circuit::Turn { steps, rates } => {
-                (Plan::profile(at, plan.position_at(at), steps, rates), Preemption::AtOnce)
-            }
-            Circuit::Spin { speed, acceleration } => {
-                (plan.ramp_to(at, speed, acceleration), Preemption::Never)
-            }
-            Circuit::Slow { deceleration } => {
-                (plan.ramp_to(at, I24F8::ZERO, deceleration), Preemption::AtStandstill)
-            }
-        };
-        self.shaft.hold_c1(at);
-        self.enter(Activity::CircuitDriven { percent, preemption }, Instant::NEVER);
-        // The current is set first, because without current the shaft would not follow.
-        self.refresh(at, out);
-        self.shaft.set_plan(at, plan, out);
-    }
-
-    /// Stops a spinning shaft at once, because something outside stops it.
-    pub(super) fn stop_circuit(&mut self, at: Instant, out: &mut dyn Context) {
-        self.shaft.set_plan(at, self.shaft.plan().halt(at), out);
-    }
-
-    /// Ends the motion of the circuitry at its present position. A waiting task begins.
-    pub(super) fn end_circuit(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.activity.is_circuit_driven() {
-            self.stop_circuit(at, out);
-            self.shaft.release_c1(at);
-            self.closed.begin(at, &self.shaft);
-            self.over(at, out);
-            self.refresh(at, out);
-        }
-    }
-
-    /// Takes the oldest event, if any.
-    pub(super) fn next_event(&mut self) -> Option<Event> {
-        self.events.next()
-    }
-
-    pub(super) fn deadline(&self) -> Instant {
-        let shaft = self.shaft.deadline().min(self.index_due).min(self.closed.deadline());
-        shaft.min(self.due).min(self.current.deadline(&self.settings, &self.activity))
-    }
-
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if at < self.deadline() {
-            return;
-        }
-        if self.shaft.timeout(at, out) {
-            self.closed.rebase(at, &self.shaft, &self.settings);
-            self.counted(at, out);
-        }
-        if self.closed.deadline() <= at {
-            self.counted(at, out);
-        }
-        if self.due <= at {
-            self.activity_due(at, out);
-        }
-        self.refresh(at, out);
-    }
-
-    /// Handles an encoder count that may have changed: a stall stops the motion unless SM is 1.
-    fn counted(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.closed.stalls(at, &self.shaft, &self.settings, &self.activity) {
-            self.events.fail(Error::Stall);
-            if !self.settings.goes_on_stalled {
-                self.clear_waiting();
-                self.brake(at, Brake::Halt, out);
-            }
-        }
-        self.maintain(at, out);
-    }
-
-    /// Updates the motor current and the deadlines.
-    fn refresh(&mut self, at: Instant, out: &mut dyn Context) {
-        self.look_at_mark(at, out);
-        self.current.timeout(at, &self.settings, &self.activity);
-        self.energize(at, out);
-        self.closed.watch(at, &self.shaft, &self.settings, &self.activity);
-    }
-
-    /// The shaft with its counters.
-    pub(super) fn shaft(&self) -> &Shaft {
-        &self.shaft
-    }
-
-    /// The shaft, to set its counters.
-    pub(super) fn shaft_mut(&mut self) -> &mut Shaft {
-        &mut self.shaft
-    }
-
-    pub(super) fn activity(&self) -> &Activity {
-        &self.activity
-    }
-
-    /// V: velocity in steps/s, or counts/s with EE = 1, rounded.
-    pub(super) fn velocity(&self, at: Instant) -> i32 {
-        self.shaft.displayed_speed(match self.activity {
-            Activity::Follows if self.settings.follows_at_once() => self.follow.speed().into(),
-            Activity::CircuitDriven { .. } => return 0,
-            _ => self.shaft.plan().speed_at(at),
-        })
-    }
-
-    /// Returns true if a motion that C1 counts is in progress or about to begin (MV).
-    pub(super) fn is_moving(&self) -> bool {
-        match self.activity {
-            Activity::Rest => false,
-            Activity::CircuitDriven { .. } => self.queue.is_waiting(),
-            _ => true,
-        }
-    }
-
-    /// Returns true if a move to a position is in progress or waiting (MP).
-    pub(super) fn is_positioning(&self) -> bool {
-        match self.activity {
-            Activity::Planning(way) | Activity::Moves(way) | Activity::Settles(Some(way)) => way.ordered,
-            _ => self.queue.holds_move(),
-        }
-    }
-
-    /// Returns true if the speed changes (VC).
-    pub(super) fn is_changing(&self, at: Instant) -> bool {
-        self.is_moving() && self.shaft.plan().segment_at(at).0.acceleration != 0
-    }
-
-    /// Returns true if the motor has stalled since ST was cleared (ST).
-    pub(super) fn has_stalled(&self) -> bool {
-        self.closed.has_stalled()
-    }
-
-    /// Writes ST.
-    pub(super) fn set_stalled(&mut self, stalled: bool) {
-        self.closed.set_stalled(stalled);
-    }
-
-    /// Returns true if the current does not fall to that of HC, because HT is 0 (MDRIVE-19).
-    pub(super) fn never_holds(&self) -> bool {
-        self.current.never_holds(&self.settings)
-    }
 }

@@ -2,14 +2,13 @@
 
 use fixed::types::I24F8;
 
-use super::Motion;
-use super::activity::{Activity, Move, Order, Preemption};
 use super::closed::{Drift, Verdict};
 use super::contacts::{Contact, limit_error};
 use super::events::Event;
 use super::follow::{self, Pursuit};
 use super::home::{Course, Homing};
 use super::queue::{Queue, Task};
+use super::{Activity, Motion, Move, Order, Preemption};
 use crate::device::{Context, Duration, Instant, Plan};
 use crate::mdrive::error::Error;
 use crate::mdrive::reasons::Why;

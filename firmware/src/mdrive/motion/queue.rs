@@ -1,6 +1,6 @@
 //! Tasks that wait: for the end of the present motion, or for RS (MC 5-57, 5-61; MDRIVE-18).
 
-use super::activity::{Move, Order};
+use super::{Move, Order};
 use crate::device::Instant;
 use crate::mdrive::reasons::Why;
 

@@ -2,10 +2,10 @@
 
 use fixed::types::{I24F8, I48F16};
 
+use super::Settings;
 use super::encoder::{Channel, Encoder};
 use super::response::Response;
 use super::scale::Scale;
-use super::settings::Settings;
 use crate::device::{Axis, Context, Duration, Instant, Output, Plan};
 use crate::motor::stepper::{StepperMotor, StepperParameters};
 use crate::motor::{Command, Plant};

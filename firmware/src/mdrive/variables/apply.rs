@@ -4,11 +4,11 @@ use super::{output_bit, step, user_name};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
-use crate::mdrive::hybrid::{Environment, divider};
+use crate::mdrive::hybrid::{Environment, divider, set_motion};
+use crate::mdrive::io::Filters;
 use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::{Reg, is_frequency, mcode_range};
-use crate::mdrive::settings::{filters, set_motion};
 
 impl Drive {
     /// Writes a variable: validates, then applies it.
@@ -216,7 +216,7 @@ impl Drive {
 
     /// Passes the settings to the I/O.
     pub(in crate::mdrive) fn set_filters(&mut self, at: Instant, out: &mut dyn Context) {
-        self.io.set_filters(at, filters(&self.bank), out);
+        self.io.set_filters(at, Filters::of(&self.bank), out);
     }
 
     /// Sets the points in `outputs`, one bit each, active or inactive by the same bits of `active`. Points that

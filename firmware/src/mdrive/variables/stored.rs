@@ -10,9 +10,9 @@ use crate::device::Context;
 use crate::mdrive::drive::Model;
 use crate::mdrive::error::Error;
 use crate::mdrive::io;
+use crate::mdrive::motion;
 use crate::mdrive::reader::illegal;
 use crate::mdrive::registers::{LASTING, Reg, mcode_accepts};
-use crate::mdrive::settings::motion_settings;
 use crate::memory::{self, Content};
 
 /// Maximum sum of HT and MT, in ms (MC 5-32).
@@ -193,7 +193,7 @@ impl Registers {
 
     /// Converts A, D, VI or VM to counts, or to steps, within the limits of that unit.
     fn scaled(&self, reg: Reg, to_counts: bool) -> i64 {
-        let (scale, value) = (motion_settings(self, None).closed_scale(), self.get(reg));
+        let (scale, value) = (motion::Settings::of(self, None).closed_scale(), self.get(reg));
         let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
         match entry(reg).legal {
             _ if to_counts => value.min(max_counts(reg).into()),
