@@ -330,14 +330,14 @@ impl Drive {
                     self.mcode.consoles.send_to_all(at, hybrid::WARNING, out);
                     self.fail(at, Error::TemperatureWarning, out);
                 }
-                hybrid::Event::Reached(condition) => self.trip_on_status(at, condition, out),
+                hybrid::Event::Reached(condition) => self.trip_on_status(at, condition as u8, out),
                 hybrid::Event::Limit(error, condition) => {
                     // If TA is enabled for this condition, the trip replaces the error: "There is no error
                     // generation when enabling trip" (MC 5-71).
-                    if !self.mcode.trips.is_on_status(condition) {
+                    if !self.mcode.trips.is_on_status(condition as u8) {
                         self.fail(at, error, out);
                     }
-                    self.trip_on_status(at, condition, out);
+                    self.trip_on_status(at, condition as u8, out);
                 }
             }
         }

@@ -4,8 +4,7 @@ use fixed::types::U24F8;
 
 use super::heat::SHUTDOWN;
 use super::rotor::{Rotor, evenly};
-use super::status::condition;
-use super::{Environment, Event, Hybrid, mode};
+use super::{Condition, Environment, Event, Hybrid, OFF};
 use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
 use crate::mdrive::motion::Circuit;
@@ -105,7 +104,7 @@ impl Hybrid {
         // Overheated electronics that have cooled down are enabled again; if still hot, they stay off.
         self.is_overheated &= self.heat.celsius(env.at) >= SHUTDOWN;
         self.is_disabled = self.is_overheated;
-        let works = env.registers.word(Reg::AS) != mode::OFF && self.has_bridge(env.registers);
+        let works = env.registers.word(Reg::AS) != OFF && self.has_bridge(env.registers);
         let due = env.at + calibration_time(env.registers);
         self.calibration = Calibration::Not;
         env.disable_bridge(self.is_disabled);
@@ -147,7 +146,7 @@ impl Hybrid {
             env.disable_bridge(true);
             self.events.push(Event::CalibrationFailed);
         }
-        self.events.push(Event::Reached(condition::CALIBRATED));
+        self.events.push(Event::Reached(Condition::Calibrated));
     }
 
     fn is_rotor_blocked(&self, env: &Environment<'_>) -> bool {

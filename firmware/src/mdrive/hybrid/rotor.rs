@@ -6,8 +6,8 @@
 
 use fixed::types::{I24F8, U24F8};
 
-use super::status::{Limit, condition};
-use super::{Environment, Event, Hybrid, LOCKED_ROTOR, frequency, is_in_torque_mode};
+use super::status::Limit;
+use super::{Condition, Environment, Event, Hybrid, LOCKED_ROTOR, frequency, is_in_torque_mode};
 use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
 use crate::mdrive::motion::Circuit;
@@ -216,7 +216,7 @@ impl Hybrid {
         env.motion.begin_circuit(env.at, Circuit::Turn { steps: lag, rates }, percent, env.out);
         self.rotor = Rotor::MakesUp;
         self.rotor_due = env.motion.shaft().plan().end();
-        self.events.push(Event::Reached(condition::ACTIVE));
+        self.events.push(Event::Reached(Condition::Active));
     }
 
     /// Reports a lag beyond LG or a lead beyond LD (MC 5-41).
@@ -233,8 +233,8 @@ impl Hybrid {
         };
         let before = core::mem::replace(&mut self.limit, now);
         match now.filter(|_| now != before) {
-            Some(Limit::Lag) => self.events.push(Event::Limit(Error::LagLimit, condition::LAG)),
-            Some(Limit::Lead) => self.events.push(Event::Limit(Error::LeadLimit, condition::LEAD)),
+            Some(Limit::Lag) => self.events.push(Event::Limit(Error::LagLimit, Condition::Lag)),
+            Some(Limit::Lead) => self.events.push(Event::Limit(Error::LeadLimit, Condition::Lead)),
             None => {}
         }
         if now != Some(Limit::Lag) {
@@ -272,7 +272,7 @@ impl Hybrid {
         let begins = self.at_bounds.is_none();
         let since = *self.at_bounds.get_or_insert(env.at);
         if begins {
-            self.events.push(Event::Reached(condition::ACTIVE));
+            self.events.push(Event::Reached(Condition::Active));
         }
         let timeout = Duration::millis(u64::try_from(env.registers.get(Reg::LT)).unwrap_or(0));
         if self.is_locked {
@@ -297,12 +297,12 @@ impl Hybrid {
     pub(super) fn lock(&mut self, env: &mut Environment<'_>) {
         self.is_locked = true;
         if is_in_torque_mode(env.registers) {
-            return self.events.push(Event::Reached(condition::LOCKED));
+            return self.events.push(Event::Reached(Condition::Locked));
         }
         (self.is_disabled, self.at_bounds) = (true, None);
         env.motion.halt(env.at, env.out);
         env.disable_bridge(true);
-        self.events.push(Event::Limit(Error::LockedRotor, condition::LOCKED));
+        self.events.push(Event::Limit(Error::LockedRotor, Condition::Locked));
     }
 }
 

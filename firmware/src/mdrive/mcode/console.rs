@@ -27,15 +27,16 @@ const ESCAPE: u8 = 0x1B;
 const DELETE: u8 = 0x7F;
 
 /// Echo of a typed line, by EM (MC 7.1.1).
-pub(super) mod echo {
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Echo {
     /// Each character, and a prompt.
-    pub(in crate::mdrive::mcode) const FULL: u16 = 0;
+    Full,
     /// CR LF when the line is accepted.
-    pub(in crate::mdrive::mcode) const HALF: u16 = 1;
+    Half,
     /// Nothing; only printed text is sent.
-    pub(in crate::mdrive::mcode) const NONE: u16 = 2;
+    None,
     /// The whole line, after its end.
-    pub(in crate::mdrive::mcode) const AFTERWARDS: u16 = 3;
+    Afterwards,
 }
 
 /// Maximum number of connections.
@@ -240,7 +241,7 @@ impl Consoles {
         if party && !self.is_for_me(at, link, character, registers, out) {
             return Key::None;
         }
-        let echoes = registers.echo_mode() == echo::FULL;
+        let echoes = registers.echo() == Echo::Full;
         let Some(console) = self.find(link) else { return Key::None };
         let returned = mem::replace(&mut console.returned, character == b'\r');
         let is_blank = console.line.trim_ascii().is_empty() && !console.refused;
@@ -356,7 +357,7 @@ impl Consoles {
             (PartyAddress::Next, name) if active => {
                 self.begin_line(link, registers.addressee(name));
                 // Table 7.2 shows no echo of the name, but hardware sends it (MDRIVE-40).
-                if registers.echo_mode() == echo::FULL {
+                if registers.echo() == Echo::Full {
                     self.answer(at, link, &[name], registers, out);
                 }
                 false
@@ -374,11 +375,11 @@ impl Consoles {
         registers: &Registers,
         out: &mut dyn Context,
     ) {
-        let mode = registers.echo_mode();
-        if mode == echo::AFTERWARDS {
+        let mode = registers.echo();
+        if mode == Echo::Afterwards {
             self.answer(at, link, line, registers, out);
         }
-        if mode != echo::NONE && registers.check_sums() == 0 {
+        if mode != Echo::None && registers.check_sums() == 0 {
             self.answer(at, link, CR_LF, registers, out);
         }
     }
@@ -430,9 +431,9 @@ impl Consoles {
         }
         // On hardware all drives of a party answer a key that is for all of them (MDRIVE-38).
         let is_addressed = registers.word(Reg::ES) & 2 != 0;
-        let answer: &[u8] = match registers.echo_mode() {
-            echo::FULL => b"#\r\n",
-            echo::NONE => b"",
+        let answer: &[u8] = match registers.echo() {
+            Echo::Full => b"#\r\n",
+            Echo::None => b"",
             _ => CR_LF,
         };
         for text in [answer, prompt] {
@@ -446,9 +447,13 @@ impl Consoles {
 }
 
 impl Registers {
-    /// Echo mode (EM): one of [`echo`].
-    pub(super) fn echo_mode(&self) -> u16 {
-        self.word(Reg::EM)
+    pub(super) fn echo(&self) -> Echo {
+        match self.word(Reg::EM) {
+            0 => Echo::Full,
+            1 => Echo::Half,
+            2 => Echo::None,
+            _ => Echo::Afterwards,
+        }
     }
 
     /// Key that stops everything: ES (MC 5-23). Only in party mode can it be addressed.
@@ -459,9 +464,9 @@ impl Registers {
 
 /// Prompt, which exists in EM 0 only: a question mark while there is an error (MC 9; MDRIVE-10).
 pub(in crate::mdrive) fn prompt(registers: &Registers, errors: Errors) -> &'static [u8] {
-    match (registers.echo_mode(), errors.is_set()) {
-        (echo::FULL, false) => b">",
-        (echo::FULL, true) => b"?",
+    match (registers.echo(), errors.is_set()) {
+        (Echo::Full, false) => b">",
+        (Echo::Full, true) => b"?",
         _ => b"",
     }
 }

@@ -3,7 +3,7 @@
 use heapless::Vec;
 
 use super::Interpreter;
-use super::console::{Consoles, Key, MAX_CONNECTIONS, Typed, echo, note_lost_input, prompt};
+use super::console::{Consoles, Echo, Key, MAX_CONNECTIONS, Typed, note_lost_input, prompt};
 use super::parse::begins_number;
 use super::serial::{ACK, NAK, is_checked};
 use super::statement::{Place, Statement};
@@ -104,7 +104,7 @@ impl Interpreter<'_> {
         let stores = programming.is_some();
         // Hardware sends no CR LF before printed text while a program runs; table 7.1 makes no such
         // difference (MDRIVE-39).
-        let is_half = self.drive.bank.echo_mode() == echo::HALF;
+        let is_half = self.drive.bank.echo() == Echo::Half;
         let prints_alone = is_half
             && self.drive.mcode.vm.is_running()
             && !stores
@@ -159,7 +159,7 @@ impl Interpreter<'_> {
         }
         // "The response will be the sign on message" (MC 5-26).
         let is_greeting = outcome == Ok(Answer::Greeting);
-        if sums != 0 && self.drive.bank.echo_mode() != echo::NONE && !is_greeting {
+        if sums != 0 && self.drive.bank.echo() != Echo::None && !is_greeting {
             let good = outcome == Ok(Answer::Prompt);
             // "ACK is not echoed if a program is running" (MC 5-12).
             let acknowledged: &[u8] = match good {

@@ -5,10 +5,11 @@ use drivetwin_protocol::registers::{Register, Space};
 use super::Reader;
 use crate::mdrive::drive::Model;
 use crate::mdrive::error::Error;
+use crate::mdrive::hybrid::is_in_torque_mode;
 use crate::mdrive::reasons::Why;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::variables::{
-    CLOSED_MICROSTEPS, NO_DELAY_MS, RATIO_ONE, TORQUE, entry, is_number, output_bit, step,
+    CLOSED_MICROSTEPS, NO_DELAY_MS, RATIO_ONE, entry, is_number, output_bit, step,
 };
 
 impl Reader<'_> {
@@ -115,7 +116,7 @@ impl Reader<'_> {
             Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
             Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
             Reg::DE if is(1) => self.hybrid.needs_bridge(self.bank),
-            Reg::AS if i64::from(self.bank.stored(reg)) == TORQUE => {
+            Reg::AS if is_in_torque_mode(self.bank) => {
                 self.hybrid.needs_bridge(self.bank)?;
                 if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
             }

@@ -19,14 +19,14 @@ pub(super) use self::judge::{illegal, refuses};
 pub(super) use self::print::{CR_LF, Text};
 use super::drive::{Drive, Model};
 use super::error::{Error, Errors};
-use super::hybrid::{Hybrid, frequency};
+use super::hybrid::{Hybrid, frequency, is_in_torque_mode};
 use super::io::Io;
 use super::mcode::Mcode;
 use super::mcode::parse::parse;
 use super::mcode::statement::Statement;
 use super::motion::Motion;
 use super::registers::{Reg, is_frequency};
-use super::variables::{Registers, TORQUE, user_name};
+use super::variables::{Registers, user_name};
 use crate::device::Instant;
 
 /// The drive at an instant.
@@ -81,7 +81,7 @@ impl Reader<'_> {
             Reg::ST => self.motion.has_stalled().into(),
             Reg::TE => self.mcode.trips.enabled().into(),
             // In torque mode V is 0 (FB 5, V).
-            Reg::V if self.bank.model() == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
+            Reg::V if self.bank.model() == Model::Hybrid && is_in_torque_mode(self.bank) => 0,
             Reg::V => self.motion.velocity(self.at),
             Reg::VC => self.motion.is_changing(self.at).into(),
             // The register has one byte (FB 5.1).

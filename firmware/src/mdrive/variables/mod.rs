@@ -17,8 +17,6 @@ use super::registers::Reg;
 pub(super) const RATIO_ONE: i32 = 1_000;
 /// The value that HT does not take: it is 0 or at least 2 ms (MC 5-32).
 pub(super) const NO_DELAY_MS: i32 = 1;
-/// Value of AS for torque mode.
-pub(super) const TORQUE: i64 = 3;
 
 /// Entry of a variable in the register map.
 pub(super) fn entry(reg: Reg) -> &'static Entry {
