@@ -16,7 +16,7 @@
 //!
 //! `registers`, `variables::stored`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
 //! trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
-//! `startup`, `mcode::run`, `saved`, `variables` and `reader`. Above it are its two languages, which act on it
+//! `startup`, `saved`, `variables` and `reader`. Above it are its two languages, which act on it
 //! during a request or a line: `modbus` and `mcode::Interpreter`.
 //!
 //! Motion, I/O and the Hybrid's circuitry queue events. `dispatch_events` handles those of motion and I/O after
@@ -26,7 +26,7 @@ use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Entries, Register, Space};
 
 use super::STALL;
-use super::error::{Error, Errors};
+use super::error::Error;
 use super::hybrid::{self, Environment, Hybrid};
 use super::io::{self, Io};
 use super::mcode::Mcode;
@@ -71,7 +71,6 @@ pub(super) struct Drive {
     pub(super) startup: Startup,
     pub(super) saving: Saving,
     pub(super) bank: Registers,
-    pub(super) errors: Errors,
     pub(super) io: Io,
     pub(super) motion: Motion,
     pub(super) hybrid: Hybrid,
@@ -88,7 +87,6 @@ impl Drive {
             startup: Startup::OFF,
             saving: Saving::NONE,
             bank,
-            errors: Errors::NONE,
             io: Io::OPEN,
             motion,
             hybrid: Hybrid::NONE,
@@ -212,7 +210,7 @@ impl Drive {
         self.sign_on(at, out);
         let flags = io::StateFlags {
             moving: self.motion.is_moving(),
-            fault: self.errors.is_set(),
+            fault: self.mcode.errors.is_set(),
             stall: self.motion.has_stalled(),
             changing: self.motion.is_changing(at),
             locked_rotor: self.hybrid.is_locked(),
@@ -241,17 +239,17 @@ impl Drive {
                 self.carry_out_trips(at, made, out);
             }
             io::Event::Go => {
-                if let Err(error) = self.start_program(at, Place::Address(1), 0) {
-                    self.fail(at, error, out);
+                if let Err(error) = self.mcode.start(at, Place::Address(1), 0, &mut self.motion) {
+                    self.fail(at, error);
                 }
             }
             io::Event::SoftStop => self.soft_stop(at, out),
             io::Event::Pause => {
                 // An input reports no reason.
                 let _ = if self.mcode.vm.is_paused() {
-                    self.resume_program(at, out)
+                    self.mcode.resume(at, &mut self.motion, out)
                 } else {
-                    self.pause_program(at, out)
+                    self.mcode.pause(at, &mut self.motion, out)
                 };
             }
             io::Event::Reset => self.restart(at, out),
@@ -265,13 +263,13 @@ impl Drive {
             return;
         }
         let (runs, moves) = (self.mcode.vm.is_running(), self.motion.is_moving());
-        self.end_program();
+        self.mcode.end(&mut self.motion);
         self.motion.stop(at, out);
         if runs {
-            self.fail(at, Error::StoppedProgram, out);
+            self.fail(at, Error::StoppedProgram);
         }
         if moves {
-            self.fail(at, Error::StoppedMotion, out);
+            self.fail(at, Error::StoppedMotion);
         }
     }
 
@@ -288,7 +286,7 @@ impl Drive {
                 self.io.pulse(at, out);
             }
             if self.mcode.trips.subroutine(trip.bit()).is_some() {
-                self.call_trip(at, trip, out);
+                self.mcode.call_trip(at, trip, &mut self.motion);
             }
         }
     }
@@ -318,24 +316,24 @@ impl Drive {
     fn take_hybrid_events(&mut self, at: Instant, out: &mut dyn Context) {
         while let Some(event) = self.hybrid.next_event() {
             match event {
-                hybrid::Event::Failed(error) => self.fail(at, error, out),
+                hybrid::Event::Failed(error) => self.fail(at, error),
                 // MC 5-9 calls this "a locked rotor response".
                 hybrid::Event::CalibrationFailed => {
                     let starts = self.startup.is_calibrating();
                     let error = if starts { Error::StartupCalibration } else { Error::CalibrationFailed };
-                    self.fail(at, error, out);
+                    self.fail(at, error);
                 }
                 // "The device will print an error 71 to the terminal screen" (MC 5-81).
                 hybrid::Event::IsWarm => {
                     self.mcode.consoles.send_to_all(at, hybrid::WARNING, out);
-                    self.fail(at, Error::TemperatureWarning, out);
+                    self.fail(at, Error::TemperatureWarning);
                 }
                 hybrid::Event::Reached(condition) => self.trip_on_status(at, condition as u8, out),
                 hybrid::Event::Limit(error, condition) => {
                     // If TA is enabled for this condition, the trip replaces the error: "There is no error
                     // generation when enabling trip" (MC 5-71).
                     if !self.mcode.trips.is_on_status(condition as u8) {
-                        self.fail(at, error, out);
+                        self.fail(at, error);
                     }
                     self.trip_on_status(at, condition as u8, out);
                 }
@@ -343,10 +341,15 @@ impl Drive {
         }
     }
 
+    /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
+    pub(super) fn fail(&mut self, at: Instant, error: Error) {
+        self.mcode.fail(at, error, &mut self.motion);
+    }
+
     fn on_motion_event(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {
         match event {
-            motion::Event::Failed(error) => self.fail(at, error, out),
-            motion::Event::StopsProgram => self.end_program(),
+            motion::Event::Failed(error) => self.fail(at, error),
+            motion::Event::StopsProgram => self.mcode.end(&mut self.motion),
             motion::Event::Announce => self.mcode.consoles.send_name(at, self.bank.word(Reg::DN), out),
         }
     }

@@ -108,7 +108,7 @@ struct Bus<'a> {
 impl Bus<'_> {
     /// Reports an error to MCode and returns the exception for the bus.
     fn note_refusal(&mut self, error: Error) -> Exception {
-        self.drive.fail(self.at, error, self.out);
+        self.drive.fail(self.at, error);
         error.exception()
     }
 
@@ -229,10 +229,11 @@ impl Bus<'_> {
     }
 
     fn command(&mut self, command: Command) {
+        let Drive { mcode, motion, .. } = &mut *self.drive;
         let done = match command {
-            Command::End => self.drive.end_by_command(),
-            Command::Pause => self.drive.pause_program(self.at, self.out),
-            Command::Resume => self.drive.resume_program(self.at, self.out),
+            Command::End => mcode.end_by_command(motion),
+            Command::Pause => mcode.pause(self.at, motion, self.out),
+            Command::Resume => mcode.resume(self.at, motion, self.out),
         };
         report(done, self.at, self.out);
     }
@@ -241,7 +242,9 @@ impl Bus<'_> {
     fn execute_at(&mut self, place: &[u8]) -> Result<(), Error> {
         let place = place.strip_prefix(b"=").unwrap_or(place);
         match self.drive.reader(self.at).parse(&joined(b"EX ", place))? {
-            Statement::Execute(place, None) => self.drive.start_program(self.at, place, 0),
+            Statement::Execute(place, None) => {
+                self.drive.mcode.start(self.at, place, 0, &mut self.drive.motion)
+            }
             _ => Err(Error::IllegalData),
         }
     }
@@ -308,7 +311,7 @@ impl RequestHandler for Bus<'_> {
         // Validation may accept the value, because the bus has narrower ranges of some registers than MCode
         // (MDRIVE-3).
         let error = validated.err().unwrap_or_else(|| illegal(register));
-        self.drive.fail(self.at, error, self.out);
+        self.drive.fail(self.at, error);
     }
 
     fn is_present(&self, register: Reg) -> bool {

@@ -122,7 +122,7 @@ impl Drive {
     }
 
     fn start(&mut self, at: Instant, whole: bool, out: &mut dyn Context) {
-        self.clear_activity();
+        self.mcode.clear(&mut self.motion);
         self.hybrid.restart(whole);
         let good = self.load(out);
         self.io.power_on(at, whole, out);
@@ -132,7 +132,7 @@ impl Drive {
         self.motion.power_on(at, motion::Settings::of(&self.bank, Some(&self.io)), out);
         self.apply_variables(at, out);
         if !good {
-            self.errors.set(Error::Flash);
+            self.mcode.errors.set(Error::Flash);
         }
         self.startup.begin(at, whole);
     }
@@ -144,7 +144,7 @@ impl Drive {
             if self.startup.fast {
                 self.hybrid.set_calibrated();
             } else if let Err(error) = self.calibrate(at, false, out) {
-                self.fail(at, error, out);
+                self.mcode.fail(at, error, &mut self.motion);
             }
         }
     }
@@ -155,11 +155,11 @@ impl Drive {
             return;
         }
         self.startup.state = State::Ready;
-        self.mcode.consoles.greet(at, prompt(&self.bank, self.errors), out);
+        self.mcode.consoles.greet(at, prompt(&self.bank, self.mcode.errors), out);
         if self.mcode.names.find(*b"SU").is_some()
-            && let Err(error) = self.start_program(at, START_UP, 0)
+            && let Err(error) = self.mcode.start(at, START_UP, 0, &mut self.motion)
         {
-            self.fail(at, error, out);
+            self.mcode.fail(at, error, &mut self.motion);
         }
     }
 }

@@ -25,7 +25,7 @@ impl Interpreter<'_> {
             // No stored line is longer than the buffer.
             Some(text) => line.extend_from_slice(text).unwrap_or_default(),
             // There are no more lines: a program without E ends here, as in MC 7.2.5.
-            None => return self.drive.end_program(),
+            None => return self.drive.mcode.end(&mut self.drive.motion),
         }
         if self.drive.mcode.vm.begin_line(self.at) {
             self.drive.mcode.consoles.send_to_all(self.at, &line, self.out);
@@ -37,10 +37,10 @@ impl Interpreter<'_> {
             _ => self.execute(&statement, true),
         });
         if let Err(error) = done {
-            self.drive.fail_program(self.at, error, self.out);
+            self.drive.mcode.fail_program(self.at, error, &mut self.drive.motion);
         }
         if self.drive.mcode.vm.end_line(self.at) {
-            self.drive.call_next_interrupt(self.at, self.out);
+            self.drive.mcode.call_next_interrupt(self.at, &mut self.drive.motion);
         }
     }
 
@@ -114,15 +114,21 @@ impl Interpreter<'_> {
                 needs_line(program)?;
                 self.drive.mcode.vm.ret(self.at)?;
             }
-            Statement::End if program => self.drive.end_program(),
-            Statement::End => report(self.drive.end_by_command(), self.at, self.out),
+            Statement::End if program => self.drive.mcode.end(&mut self.drive.motion),
+            Statement::End => {
+                report(self.drive.mcode.end_by_command(&mut self.drive.motion), self.at, self.out);
+            }
             Statement::Execute(place, mode) => {
                 let mode = mode.as_ref().map_or(Ok(0), |mode| self.evaluate(mode))?;
                 let mode = u8::try_from(mode).map_err(|_| Error::IllegalValue)?;
-                self.drive.start_program(self.at, *place, mode)?;
+                self.drive.mcode.start(self.at, *place, mode, &mut self.drive.motion)?;
             }
-            Statement::Pause => report(self.drive.pause_program(self.at, self.out), self.at, self.out),
-            Statement::Resume => report(self.drive.resume_program(self.at, self.out), self.at, self.out),
+            Statement::Pause => {
+                report(self.drive.mcode.pause(self.at, &mut self.drive.motion, self.out), self.at, self.out);
+            }
+            Statement::Resume => {
+                report(self.drive.mcode.resume(self.at, &mut self.drive.motion, self.out), self.at, self.out);
+            }
             // In a program a label only marks a place.
             Statement::Label(_) => needs_line(program)?,
             Statement::OnError(Place::Address(0)) => self.drive.mcode.vm.set_handler(None),
@@ -161,7 +167,7 @@ impl Interpreter<'_> {
             Statement::Clear(place) => {
                 self.clear_program(*place)?;
                 // The program may be deleted, so it ends. OE is reset (MC 5-52).
-                self.drive.end_program();
+                self.drive.mcode.end(&mut self.drive.motion);
                 self.drive.mcode.vm.set_handler(None);
             }
             // The caller executes these statements, because it knows the recipients.
@@ -213,7 +219,7 @@ impl Interpreter<'_> {
         if self.drive.reader(self.at).is_in_motion() {
             return Err(Error::SaveInMotion);
         }
-        self.drive.clear_activity();
+        self.drive.mcode.clear(&mut self.drive.motion);
         let serial = self.drive.bank.get(Reg::SerialCommands);
         self.drive.bank.factory_reset();
         self.drive.bank.set(Reg::SerialCommands, serial);
@@ -224,7 +230,7 @@ impl Interpreter<'_> {
         // From here until all of the memory is reset, it fails its test.
         self.drive.saving.begin(self.at, &mut self.drive.bank, &self.drive.mcode.names, self.out);
         self.drive.mcode.program.clear(self.at, 1, self.out);
-        self.drive.mcode.consoles.greet(self.at, prompt(&self.drive.bank, self.drive.errors), self.out);
+        self.drive.mcode.consoles.greet(self.at, prompt(&self.drive.bank, self.drive.mcode.errors), self.out);
         Ok(())
     }
 

@@ -39,11 +39,13 @@ use self::program::Program;
 use self::trip::Trips;
 use self::vm::Vm;
 use super::drive::Drive;
+use super::error::Errors;
 use crate::device::{Context, Instant};
 
-/// State of MCode.
+/// State of MCode. EF and ER are a part of it, because an error calls OE's handler.
 #[derive(Clone, Debug)]
 pub(super) struct Mcode {
+    pub(super) errors: Errors,
     pub(super) consoles: Consoles,
     pub(super) program: Program,
     pub(super) names: Names,
@@ -56,6 +58,7 @@ impl Mcode {
     #[inline(always)]
     pub(super) fn new() -> Self {
         Self {
+            errors: Errors::NONE,
             consoles: Consoles::new(),
             program: Program::new(),
             names: Names::new(),

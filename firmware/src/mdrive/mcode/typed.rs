@@ -136,7 +136,7 @@ impl Interpreter<'_> {
 
     /// Handles Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
     fn abort(&mut self, link: Link) {
-        self.drive.end_program();
+        self.drive.mcode.end(&mut self.drive.motion);
         self.drive.motion.halt(self.at, self.out);
         let prompt = self.prompt();
         self.drive.mcode.consoles.answer_abort(self.at, link, prompt, &self.drive.bank, self.out);
@@ -155,7 +155,7 @@ impl Interpreter<'_> {
             }),
         );
         if let Err(error) = outcome {
-            self.drive.fail(self.at, error, self.out);
+            self.drive.fail(self.at, error);
         }
         // "The response will be the sign on message" (MC 5-26).
         let is_greeting = outcome == Ok(Answer::Greeting);
@@ -258,7 +258,7 @@ impl Interpreter<'_> {
     }
 
     fn prompt(&self) -> &'static [u8] {
-        prompt(&self.drive.bank, self.drive.errors)
+        prompt(&self.drive.bank, self.drive.mcode.errors)
     }
 }
 

@@ -44,14 +44,14 @@ impl Drive {
     /// The drive as its languages read it.
     pub(super) fn reader(&self, at: Instant) -> Reader<'_> {
         let Self { bank, io, motion, hybrid, mcode, .. } = self;
-        Reader { at, bank, errors: self.errors, io, motion, hybrid, mcode }
+        Reader { at, bank, errors: self.mcode.errors, io, motion, hybrid, mcode }
     }
 
     /// Reads values, with the side effect of reading: ER is cleared.
     pub(super) fn read<T>(&mut self, at: Instant, read: impl FnOnce(&mut Reader<'_>) -> T) -> T {
         let mut reader = self.reader(at);
         let value = read(&mut reader);
-        self.errors = reader.errors;
+        self.mcode.errors = reader.errors;
         value
     }
 }

@@ -110,7 +110,7 @@ impl Drive {
             Reg::C2 => self.motion.shaft_mut().set_counts(at, value),
             Reg::P if self.bank.is_closed() => self.motion.shaft_mut().set_counts(at, value),
             Reg::P => self.motion.shaft_mut().set_steps(at, value),
-            Reg::ER => self.errors.put((value & 0xFF) as u8),
+            Reg::ER => self.mcode.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
                 let counted = self.reader(at).counted_by_address(value)?;
                 return self.count(at, counted, step(reg), out);

@@ -111,7 +111,7 @@ impl Dut {
         let mut interpreter = Interpreter::new(drive, *now, out);
         let done = statement.and_then(|it| interpreter.execute(&it, false));
         if let Err(error) = done {
-            drive.fail(*now, error, out);
+            drive.fail(*now, error);
         }
         drive.dispatch_events(*now, out);
         done
