@@ -1,10 +1,9 @@
 //! Reading and writing of variables, by the bus and by MCode.
 //!
 //! The drive stores a value of each (`stored`). All values of a write are validated first (`reader::judge`), then
-//! applied (`apply`, `lists`).
+//! applied (`apply`).
 
 mod apply;
-mod lists;
 mod stored;
 
 use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
