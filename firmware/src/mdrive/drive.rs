@@ -342,6 +342,8 @@ impl Drive {
     }
 
     /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
+    // Not inlined: many places report errors.
+    #[inline(never)]
     pub(super) fn fail(&mut self, at: Instant, error: Error) {
         self.mcode.fail(at, error, &mut self.motion);
     }

@@ -14,6 +14,7 @@ use crate::mdrive::error::Error;
 use crate::mdrive::reasons::{Why, report};
 
 impl Interpreter<'_> {
+    /// Handles the end of a connection. The characters of others may have waited for its line.
     pub(in crate::mdrive) fn closed(&mut self, link: Link) {
         self.consoles().close(link);
         self.process_waiting();
@@ -52,12 +53,14 @@ impl Interpreter<'_> {
         }
     }
 
+    /// Handles characters that were received during the execution of a line, up to the next line.
     fn process_waiting(&mut self) {
         while let Some((link, character)) = self.consoles().waited() {
             self.on_character(link, character);
         }
     }
 
+    /// Handles a character, which is lost while the drive starts.
     fn on_character(&mut self, link: Link, character: u8) {
         // An earlier Ctrl-C may have restarted the drive.
         if self.drive.startup.is_started() {
@@ -71,6 +74,7 @@ impl Interpreter<'_> {
         }
     }
 
+    /// Acts on what follows from a character.
     fn type_character(&mut self, link: Link, character: u8) {
         let steps = self.drive.mcode.vm.is_stepping();
         let Drive { mcode, bank, .. } = &mut *self.drive;
@@ -245,6 +249,8 @@ impl Interpreter<'_> {
     }
 
     /// Sends an answer on a connection, if this drive is to answer.
+    // Not inlined: many places answer.
+    #[inline(never)]
     fn answer(&mut self, link: Link, bytes: &[u8]) {
         self.drive.mcode.consoles.answer(self.at, link, bytes, &self.drive.bank, self.out);
     }

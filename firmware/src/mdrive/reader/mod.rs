@@ -42,6 +42,8 @@ pub(super) struct Reader<'a> {
 
 impl Drive {
     /// The drive as its languages read it.
+    // Not inlined: a reader has seven fields, and there are many of them.
+    #[inline(never)]
     pub(super) fn reader(&self, at: Instant) -> Reader<'_> {
         let Self { bank, io, motion, hybrid, mcode, .. } = self;
         Reader { at, bank, errors: self.mcode.errors, io, motion, hybrid, mcode }
