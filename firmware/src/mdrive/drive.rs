@@ -3,7 +3,8 @@
 //! | file | content |
 //! |---|---|
 //! | `registers` | the table of variables |
-//! | `variables` | reading and writing variables |
+//! | `variables` | stored values, writing variables |
+//! | `reader` | reading variables, expressions and printed text; validating a write |
 //! | `error` | errors by their numbers |
 //! | `reasons` | reasons why an accepted request has no effect |
 //! | `startup`, `saved` | start-up, saved values |
@@ -12,12 +13,11 @@
 //! | `motion` | the motor and its encoder |
 //! | `hybrid` | additional functions of a Hybrid |
 //! | `io` | the I/O points |
-//! | `settings` | settings of motion and I/O |
 //!
 //! `registers`, `variables::stored`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
-//! trips) own their state and do not know the drive. The other files wire them; their calls go downwards: from
-//! this file and `mcode::console` to `startup` and `modbus`, `mcode::run` and `mcode::execute`, `saved`, and
-//! `variables`.
+//! trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
+//! `startup`, `saved`, `variables` and `reader`. Above it are its two languages, which act on it
+//! during a request or a line: `modbus` and `mcode::Interpreter`.
 //!
 //! Motion, I/O and the Hybrid's circuitry queue events. `dispatch_events` handles those of motion and I/O after
 //! every input and timeout, `run_hybrid` those of the circuitry at once.
@@ -26,7 +26,7 @@ use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Entries, Register, Space};
 
 use super::STALL;
-use super::error::{Error, Errors};
+use super::error::Error;
 use super::hybrid::{self, Environment, Hybrid};
 use super::io::{self, Io};
 use super::mcode::Mcode;
@@ -35,9 +35,9 @@ use super::mcode::trip::Made;
 use super::motion::{self, Contact, Motion};
 use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
 use super::saved::Saving;
-use super::settings::motion_settings;
+use super::startup::Startup;
 use super::variables::{Registers, entry, is_number, words};
-use crate::device::{Boot, Context, Fault, Instant, PresetError};
+use crate::device::{Context, Fault, Instant, PresetError};
 
 /// The two products.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -65,33 +65,12 @@ impl Model {
     }
 }
 
-/// State of the drive, from power-on to ready.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum State {
-    /// No power.
-    Off,
-    /// Starting: the drive does not receive messages yet.
-    Booting {
-        /// Time at which the start ends.
-        due: Instant,
-        /// True after power-on, when the Ethernet controller starts, too. False after a restart of the drive
-        /// alone.
-        whole: bool,
-    },
-    /// Receiving messages. A Hybrid calibrates before it signs on.
-    Calibrating,
-    /// The sign-on has been sent.
-    Ready,
-}
-
 /// State of the drive with all its modules.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
-    pub(super) boot: Boot,
-    pub(super) state: State,
+    pub(super) startup: Startup,
     pub(super) saving: Saving,
     pub(super) bank: Registers,
-    pub(super) errors: Errors,
     pub(super) io: Io,
     pub(super) motion: Motion,
     pub(super) hybrid: Hybrid,
@@ -103,13 +82,11 @@ impl Drive {
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Registers::new(model);
-        let motion = Motion::new(motion_settings(&bank, None));
+        let motion = Motion::new(motion::Settings::of(&bank, None));
         Self {
-            boot: Boot::default(),
-            state: State::Off,
+            startup: Startup::OFF,
             saving: Saving::NONE,
             bank,
-            errors: Errors::NONE,
             io: Io::OPEN,
             motion,
             hybrid: Hybrid::NONE,
@@ -118,37 +95,21 @@ impl Drive {
     }
 
     pub(super) fn deadline(&self) -> Instant {
-        let own = self.startup_due().min(self.saving.due());
+        let own = self.startup.deadline().min(self.saving.deadline());
         let machine = self.motion.deadline().min(self.io.deadline()).min(self.hybrid.deadline());
-        let mcode = &self.mcode;
-        let lines = mcode.consoles.deadline().min(mcode.vm.deadline()).min(mcode.trips.deadline());
-        own.min(machine).min(lines)
+        own.min(machine).min(self.mcode.deadline())
     }
 
+    /// Handles the deadlines, except those of MCode's lines.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.startup_due() <= at {
+        if self.startup.timeout(at) {
             self.ready(at, out);
         }
-        if self.saving.due() <= at {
-            self.saving.finish(at, out);
-        }
-        if self.io.deadline() <= at {
-            self.io.timeout(at, out);
-        }
-        if self.motion.deadline() <= at {
-            self.motion.timeout(at, out);
-        }
-        if self.hybrid.deadline() <= at {
-            self.run_hybrid(at, out, Hybrid::timeout);
-        }
+        self.saving.timeout(at, out);
+        self.io.timeout(at, out);
+        self.motion.timeout(at, out);
+        self.run_hybrid(at, out, Hybrid::timeout);
         self.dispatch_events(at, out);
-        if self.mcode.consoles.deadline() <= at {
-            self.console_timeout(at, out);
-        }
-        if self.mcode.vm.deadline() <= at {
-            self.program_timeout(at, out);
-            self.dispatch_events(at, out);
-        }
     }
 
     pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
@@ -164,12 +125,12 @@ impl Drive {
     /// Present value of a variable. If it has several values, they are packed into one number, the first one
     /// highest.
     pub(super) fn peek(&self, at: Instant, reg: Reg) -> i64 {
-        if is_number(reg) { self.read(at, reg).into() } else { self.bank.get(reg) }
+        if is_number(reg) { self.reader(at).read(reg).into() } else { self.bank.get(reg) }
     }
 
     /// Switches the power off. Only presets follow until the next power-on.
     pub(super) fn power_off(&mut self) {
-        self.state = State::Off;
+        self.startup = Startup::OFF;
     }
 
     /// Presets a register. Before power-on the value counts as saved, later as written by the bus.
@@ -187,7 +148,7 @@ impl Drive {
         if !self.bank.has(reg) {
             return Err(PresetError::NoSuchRegister);
         }
-        if self.state == State::Off {
+        if self.startup.is_off() {
             return if row.saved == 0 {
                 Err(PresetError::ReadOnly)
             } else {
@@ -229,15 +190,18 @@ impl Drive {
         self.update_hybrid(at, out);
         // Whatever has changed PY.
         self.mcode.consoles.set_party(self.bank.is_party());
-        let plan_changed = self.motion.has_changed();
+        let plan_changed = self.motion.shaft_mut().has_changed();
         if plan_changed || self.io.wants_plan() {
-            self.io.plan(at, self.motion.plan(), out);
+            self.io.plan(at, self.motion.shaft().plan(), out);
         }
         if plan_changed || self.hybrid.deadline() <= at {
             self.run_hybrid(at, out, Hybrid::watch_position);
         }
-        if plan_changed || self.mcode.trips.deadline() <= at || self.mcode.trips.is_on_counts(&self.motion) {
-            let made = self.mcode.trips.check(at, &self.motion);
+        if plan_changed
+            || self.mcode.trips.deadline() <= at
+            || self.mcode.trips.is_on_counts(self.motion.shaft())
+        {
+            let made = self.mcode.trips.check(at, self.motion.shaft());
             self.carry_out_trips(at, made, out);
         }
         if !self.motion.is_moving() {
@@ -246,7 +210,7 @@ impl Drive {
         self.sign_on(at, out);
         let flags = io::StateFlags {
             moving: self.motion.is_moving(),
-            fault: self.errors.is_set(),
+            fault: self.mcode.errors.is_set(),
             stall: self.motion.has_stalled(),
             changing: self.motion.is_changing(at),
             locked_rotor: self.hybrid.is_locked(),
@@ -260,32 +224,32 @@ impl Drive {
     fn on_io_event(&mut self, at: Instant, event: io::Event, out: &mut dyn Context) {
         match event {
             // During start-up, active inputs have no effect, except limits and the home switch.
-            io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.is_started() => {}
+            io::Event::Contact(Contact::JogPlus | Contact::JogMinus, true) if !self.startup.is_started() => {}
             io::Event::Channel(channel, level) => self.motion.channel(at, channel, level, out),
             io::Event::Contact(contact, active) => self.motion.contact(at, contact, active, out),
-            _ if !self.is_started() => {}
+            _ if !self.startup.is_started() => {}
             io::Event::Clock(steps) => {
-                let from = self.motion.steps(at);
+                let from = self.motion.shaft().steps(at);
                 self.motion.follow(at, steps, out);
-                let made = self.mcode.trips.on_steps(at, from, &self.motion);
+                let made = self.mcode.trips.on_steps(at, from, self.motion.shaft());
                 self.carry_out_trips(at, made, out);
             }
             io::Event::Active(_) | io::Event::Capture => {
-                let made = self.mcode.trips.on_io_event(at, event, &self.motion);
+                let made = self.mcode.trips.on_io_event(at, event, self.motion.shaft());
                 self.carry_out_trips(at, made, out);
             }
             io::Event::Go => {
-                if let Err(error) = self.start_program(at, Place::Address(1), 0) {
-                    self.fail(at, error, out);
+                if let Err(error) = self.mcode.start(at, Place::Address(1), 0, &mut self.motion) {
+                    self.fail(at, error);
                 }
             }
             io::Event::SoftStop => self.soft_stop(at, out),
             io::Event::Pause => {
                 // An input reports no reason.
                 let _ = if self.mcode.vm.is_paused() {
-                    self.resume_program(at, out)
+                    self.mcode.resume(at, &mut self.motion, out)
                 } else {
-                    self.pause_program(at, out)
+                    self.mcode.pause(at, &mut self.motion, out)
                 };
             }
             io::Event::Reset => self.restart(at, out),
@@ -299,19 +263,19 @@ impl Drive {
             return;
         }
         let (runs, moves) = (self.mcode.vm.is_running(), self.motion.is_moving());
-        self.end_program();
+        self.mcode.end(&mut self.motion);
         self.motion.stop(at, out);
         if runs {
-            self.fail(at, Error::StoppedProgram, out);
+            self.fail(at, Error::StoppedProgram);
         }
         if moves {
-            self.fail(at, Error::StoppedMotion, out);
+            self.fail(at, Error::StoppedMotion);
         }
     }
 
     /// Trips TA if one of these conditions of the Hybrid is selected.
     pub(super) fn trip_on_status(&mut self, at: Instant, flags: u8, out: &mut dyn Context) {
-        let made = self.mcode.trips.on_status(at, flags, &self.motion);
+        let made = self.mcode.trips.on_status(at, flags, self.motion.shaft());
         self.carry_out_trips(at, made, out);
     }
 
@@ -322,14 +286,14 @@ impl Drive {
                 self.io.pulse(at, out);
             }
             if self.mcode.trips.subroutine(trip.bit()).is_some() {
-                self.call_trip(at, trip, out);
+                self.mcode.call_trip(at, trip, &mut self.motion);
             }
         }
     }
 
     /// Checks rotor and temperature. This runs after every event.
     fn update_hybrid(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.is_started() {
+        if self.startup.is_started() {
             self.run_hybrid(at, out, Hybrid::watch);
             // The warning is printed before the bridge is switched off.
             self.run_hybrid(at, out, Hybrid::watch_heat);
@@ -352,36 +316,43 @@ impl Drive {
     fn take_hybrid_events(&mut self, at: Instant, out: &mut dyn Context) {
         while let Some(event) = self.hybrid.next_event() {
             match event {
-                hybrid::Event::Failed(error) => self.fail(at, error, out),
+                hybrid::Event::Failed(error) => self.fail(at, error),
                 // MC 5-9 calls this "a locked rotor response".
                 hybrid::Event::CalibrationFailed => {
-                    let starts = self.state == State::Calibrating;
+                    let starts = self.startup.is_calibrating();
                     let error = if starts { Error::StartupCalibration } else { Error::CalibrationFailed };
-                    self.fail(at, error, out);
+                    self.fail(at, error);
                 }
                 // "The device will print an error 71 to the terminal screen" (MC 5-81).
                 hybrid::Event::IsWarm => {
                     self.mcode.consoles.send_to_all(at, hybrid::WARNING, out);
-                    self.fail(at, Error::TemperatureWarning, out);
+                    self.fail(at, Error::TemperatureWarning);
                 }
-                hybrid::Event::Reached(condition) => self.trip_on_status(at, condition, out),
+                hybrid::Event::Reached(condition) => self.trip_on_status(at, condition as u8, out),
                 hybrid::Event::Limit(error, condition) => {
                     // If TA is enabled for this condition, the trip replaces the error: "There is no error
                     // generation when enabling trip" (MC 5-71).
-                    if !self.mcode.trips.is_on_status(condition) {
-                        self.fail(at, error, out);
+                    if !self.mcode.trips.is_on_status(condition as u8) {
+                        self.fail(at, error);
                     }
-                    self.trip_on_status(at, condition, out);
+                    self.trip_on_status(at, condition as u8, out);
                 }
             }
         }
     }
 
+    /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
+    // Not inlined: many places report errors.
+    #[inline(never)]
+    pub(super) fn fail(&mut self, at: Instant, error: Error) {
+        self.mcode.fail(at, error, &mut self.motion);
+    }
+
     fn on_motion_event(&mut self, at: Instant, event: motion::Event, out: &mut dyn Context) {
         match event {
-            motion::Event::Failed(error) => self.fail(at, error, out),
-            motion::Event::StopsProgram => self.end_program(),
-            motion::Event::Announce => self.send_name(at, out),
+            motion::Event::Failed(error) => self.fail(at, error),
+            motion::Event::StopsProgram => self.mcode.end(&mut self.motion),
+            motion::Event::Announce => self.mcode.consoles.send_name(at, self.bank.word(Reg::DN), out),
         }
     }
 }

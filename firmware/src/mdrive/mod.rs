@@ -12,10 +12,10 @@ mod io;
 mod mcode;
 mod modbus;
 mod motion;
+mod reader;
 mod reasons;
 mod registers;
 mod saved;
-mod settings;
 mod startup;
 mod variables;
 
@@ -25,6 +25,7 @@ mod tests;
 use drivetwin_protocol::registers::{Register, Table};
 
 use self::drive::{Drive, Model};
+use self::mcode::Interpreter;
 use self::mcode::console::note_lost_input;
 pub use self::mcode::program::lines as program_lines;
 pub use self::registers::Reg;
@@ -86,10 +87,8 @@ static PINS: [PinSpec; 11] = [
     pin("I", Role::Input, Level::Float),
 ];
 
-static WRITES: Writes = Writes {
-    language: |row| Reg::from_row(row).and_then(registers::mcode_range),
-    refuses: variables::refuses,
-};
+static WRITES: Writes =
+    Writes { language: |row| Reg::from_row(row).and_then(registers::mcode_range), refuses: reader::refuses };
 
 static MDRIVE: Spec = spec(
     "mdrive",
@@ -220,14 +219,14 @@ impl Device for Mdrive {
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         let drive = &mut self.drive;
         match input {
-            Input::Message { port: MODBUS, link, bytes } => drive.serve(at, link, bytes, out),
-            Input::Message { link, bytes, .. } if drive.is_started() => {
-                drive.console_received(at, link, bytes, out);
+            Input::Message { port: MODBUS, link, bytes } => modbus::serve(drive, at, link, bytes, out),
+            Input::Message { link, bytes, .. } if drive.startup.is_started() => {
+                Interpreter::new(drive, at, out).received(link, bytes);
             }
             // Each character is noted, because pieces of input are not lines.
             Input::Message { bytes, .. } => bytes.iter().for_each(|_| note_lost_input(at, out)),
             Input::Opened { port: MCODE, link } => drive.mcode.consoles.opened(at, link, out),
-            Input::Closed { port: MCODE, link } => drive.console_closed(at, link, out),
+            Input::Closed { port: MCODE, link } => Interpreter::new(drive, at, out).closed(link),
             Input::Edge { pin, high } => drive.io.edge(at, pin, high, out),
             Input::Open { pin } => drive.io.opened(at, pin, out),
             Input::Millivolts { pin: ANALOG, mv } => drive.io.voltage(at, mv),
@@ -241,7 +240,7 @@ impl Device for Mdrive {
     }
 
     fn accepts(&self, _port: Port) -> bool {
-        self.drive.accepts_connections()
+        self.drive.startup.accepts_connections()
     }
 
     fn takes(&self, port: Port) -> bool {
@@ -249,7 +248,7 @@ impl Device for Mdrive {
     }
 
     fn receives_from(&self) -> Instant {
-        self.drive.receives_from()
+        self.drive.startup.receives_from()
     }
 
     fn deadline(&self) -> Instant {
@@ -259,6 +258,7 @@ impl Device for Mdrive {
     fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
         if self.drive.deadline() <= at {
             self.drive.timeout(at, out);
+            Interpreter::new(&mut self.drive, at, out).timeout();
         }
     }
 

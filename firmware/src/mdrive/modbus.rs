@@ -12,11 +12,10 @@ use drivetwin_protocol::registers::Entries;
 use super::MODBUS;
 use super::drive::{Drive, Model};
 use super::error::Error;
-use super::mcode::print::Text;
 use super::mcode::statement::Statement;
+use super::reader::{Text, illegal};
 use super::reasons::report;
 use super::registers::{ETHERNET, FIRMWARE, PART_NUMBER, Reg, SERIAL_NUMBER};
-use super::variables::illegal;
 use crate::device::{Context, Instant, Link, LogEvent, Output};
 
 /// Function "read manufacturer specific" (FB 4.3.2).
@@ -84,25 +83,32 @@ impl Specific {
     }
 }
 
-impl Drive {
-    /// Answers a request.
-    pub(super) fn serve(&mut self, at: Instant, link: Link, adu: &[u8], out: &mut dyn Context) {
-        let mut reply = Adu::new();
-        let outcome = if self.is_started() {
-            serve_tcp(adu, &RULES, &mut Bus { drive: self, at, out }, &mut reply)
-        } else {
-            // After a restart the Ethernet controller receives requests while the drive itself still starts.
-            refuse_tcp(adu, Exception::ServerDeviceFailure, &mut reply)
-        };
-        out.put(at, Output::Log(LogEvent::of(MODBUS, outcome)));
-        if !reply.is_empty() {
-            out.put(at, Output::Message { port: MODBUS, link, bytes: &reply });
-        }
+/// Answers a request.
+pub(super) fn serve(drive: &mut Drive, at: Instant, link: Link, adu: &[u8], out: &mut dyn Context) {
+    let mut reply = Adu::new();
+    let outcome = if drive.startup.is_started() {
+        serve_tcp(adu, &RULES, &mut Bus { drive, at, out }, &mut reply)
+    } else {
+        // After a restart the Ethernet controller receives requests while the drive itself still starts.
+        refuse_tcp(adu, Exception::ServerDeviceFailure, &mut reply)
+    };
+    out.put(at, Output::Log(LogEvent::of(MODBUS, outcome)));
+    if !reply.is_empty() {
+        out.put(at, Output::Message { port: MODBUS, link, bytes: &reply });
     }
+}
 
+/// The drive as its bus sees it during a request.
+struct Bus<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Context,
+}
+
+impl Bus<'_> {
     /// Reports an error to MCode and returns the exception for the bus.
-    fn note_refusal(&mut self, at: Instant, error: Error, out: &mut dyn Context) -> Exception {
-        self.fail(at, error, out);
+    fn note_refusal(&mut self, error: Error) -> Exception {
+        self.drive.fail(self.at, error);
         error.exception()
     }
 
@@ -110,35 +116,31 @@ impl Drive {
     ///
     /// # Errors
     /// The first error found; nothing has changed then.
-    fn write_all(
-        &mut self,
-        at: Instant,
-        values: &Values<'_, Reg>,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
+    fn write_all(&mut self, values: &Values<'_, Reg>) -> Result<(), Error> {
         let brought = |reg| values.get(reg).map(narrow);
+        let reader = self.drive.reader(self.at);
         for (reg, value) in values.iter() {
             // MR and MS are neighbours: one request can write both. MS makes a Hybrid calibrate, and MR
             // cannot move it then.
-            if self.calibrates(reg, narrow(value)) && brought(Reg::MR).is_some() {
+            if reader.calibrates(reg, narrow(value)) && brought(Reg::MR).is_some() {
                 return Err(Error::CalibrationInMotion);
             }
             // DC and DE are neighbours, too. If DC counts DE down to 0, DE = 1 in the same request calibrates
             // a Hybrid.
-            let counted = brought(Reg::DC).and_then(|address| self.counted_by_address(address).ok());
+            let counted = brought(Reg::DC).and_then(|address| reader.counted_by_address(address).ok());
             let switches_on = reg == Reg::DE && value == 1 && counted == Some(Reg::DE);
-            if switches_on && self.bank.model() == Model::Hybrid && self.is_in_motion() {
+            if switches_on && self.drive.bank.model() == Model::Hybrid && reader.is_in_motion() {
                 return Err(Error::CalibrationInMotion);
             }
-            self.validate(at, reg, narrow(value), &|other| {
-                brought(other).unwrap_or_else(|| self.bank.stored(other))
+            reader.validate(reg, narrow(value), &|other| {
+                brought(other).unwrap_or_else(|| self.drive.bank.stored(other))
             })?;
         }
         // A motion command can be refused even after validation, so it is applied first. Four registers hold
         // at most one motion command.
         for ordered in [true, false] {
             for (reg, value) in values.iter().filter(|(reg, _)| is_order(*reg) == ordered) {
-                self.apply(at, reg, narrow(value), out)?;
+                self.drive.apply(self.at, reg, narrow(value), self.out)?;
             }
         }
         Ok(())
@@ -147,20 +149,18 @@ impl Drive {
     /// Executes function 65 or 66. `data` is the part of the request after the mnemonic.
     fn serve_specific(
         &mut self,
-        at: Instant,
         function: u8,
         mnemonic: [u8; MNEMONIC],
         data: &[u8],
         reply: &mut Reply,
-        out: &mut dyn Context,
     ) -> Result<(), Exception> {
         let mut forward = mnemonic;
         forward.reverse();
         let name = forward.trim_ascii_end();
-        let specific = Specific::find(name, self.bank.model()).ok_or(Exception::IllegalDataAddress)?;
+        let specific = Specific::find(name, self.drive.bank.model()).ok_or(Exception::IllegalDataAddress)?;
         if function == READ_SPECIFIC && specific == Specific::Values {
             return if data.is_empty() {
-                self.read_values(at, name, reply)
+                self.read_values(name, reply)
             } else {
                 Err(Exception::IllegalDataValue)
             };
@@ -180,14 +180,14 @@ impl Drive {
         let is_text = string.iter().all(|byte| matches!(byte, b' '..=b'~'));
         let done = match specific {
             _ if !is_text => Err(Error::IllegalData),
-            Specific::Values => self.write_values(at, name, string, out),
+            Specific::Values => self.write_values(name, string),
             Specific::Command(command) => {
-                self.command(at, command, out);
+                self.command(command);
                 Ok(())
             }
-            Specific::Execute => self.execute_at(at, string),
+            Specific::Execute => self.execute_at(string),
         };
-        done.map_err(|error| self.note_refusal(at, error, out))?;
+        done.map_err(|error| self.note_refusal(error))?;
         let _ = match function {
             READ_SPECIFIC => reply.extend_from_slice(&[function, 0]),
             _ => reply
@@ -198,10 +198,12 @@ impl Drive {
     }
 
     /// Reads the values of a mnemonic, in the format that PR prints.
-    fn read_values(&mut self, at: Instant, name: &[u8], reply: &mut Reply) -> Result<(), Exception> {
+    fn read_values(&mut self, name: &[u8], reply: &mut Reply) -> Result<(), Exception> {
         let _ = reply.extend_from_slice(&[READ_SPECIFIC, 0]);
         let head = reply.len();
-        self.print_values(at, name, &mut Answer(reply)).map_err(Error::exception)?;
+        self.drive
+            .read(self.at, |reader| reader.print_values(name, &mut Answer(reply)))
+            .map_err(Error::exception)?;
         let count = reply.len() - head;
         if let Some(target) = reply.get_mut(head - 1) {
             *target = (count & 0xFF) as u8;
@@ -210,40 +212,39 @@ impl Drive {
     }
 
     /// Sets the values of a mnemonic. The string is `=` and the values, as in MCode.
-    fn write_values(
-        &mut self,
-        at: Instant,
-        name: &[u8],
-        string: &[u8],
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
+    fn write_values(&mut self, name: &[u8], string: &[u8]) -> Result<(), Error> {
         if string.first() != Some(&b'=') {
             return Err(Error::IllegalData);
         }
-        match self.parse(&joined(name, string))? {
-            Statement::SetList(list, parameters) => self.write_list(at, list, &parameters, out),
+        match self.drive.reader(self.at).parse(&joined(name, string))? {
+            Statement::SetList(list, parameters) => {
+                self.drive.write_list(self.at, list, &parameters, self.out)
+            }
             Statement::Set(reg, value) => {
                 let value = value.constant().ok_or(Error::IllegalData)?;
-                self.write(at, reg, value, out)
+                self.drive.write(self.at, reg, value, self.out)
             }
             _ => Err(Error::IllegalData),
         }
     }
 
-    fn command(&mut self, at: Instant, command: Command, out: &mut dyn Context) {
+    fn command(&mut self, command: Command) {
+        let Drive { mcode, motion, .. } = &mut *self.drive;
         let done = match command {
-            Command::End => self.end_by_command(),
-            Command::Pause => self.pause_program(at, out),
-            Command::Resume => self.resume_program(at, out),
+            Command::End => mcode.end_by_command(motion),
+            Command::Pause => mcode.pause(self.at, motion, self.out),
+            Command::Resume => mcode.resume(self.at, motion, self.out),
         };
-        report(done, at, out);
+        report(done, self.at, self.out);
     }
 
     /// Runs the program at an address or a label. The `=` before it is optional.
-    fn execute_at(&mut self, at: Instant, place: &[u8]) -> Result<(), Error> {
+    fn execute_at(&mut self, place: &[u8]) -> Result<(), Error> {
         let place = place.strip_prefix(b"=").unwrap_or(place);
-        match self.parse(&joined(b"EX ", place))? {
-            Statement::Execute(place, None) => self.start_program(at, place, 0),
+        match self.drive.reader(self.at).parse(&joined(b"EX ", place))? {
+            Statement::Execute(place, None) => {
+                self.drive.mcode.start(self.at, place, 0, &mut self.drive.motion)
+            }
             _ => Err(Error::IllegalData),
         }
     }
@@ -275,13 +276,6 @@ impl Text for Answer<'_> {
     }
 }
 
-/// The drive as its bus sees it during a request.
-struct Bus<'a> {
-    drive: &'a mut Drive,
-    at: Instant,
-    out: &'a mut dyn Context,
-}
-
 impl RequestHandler for Bus<'_> {
     type Register = Reg;
 
@@ -294,9 +288,8 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn refresh(&mut self, register: Reg) {
-        let value = self.drive.read(self.at, register);
+        let value = self.drive.read(self.at, |reader| reader.take(register));
         self.drive.bank.set(register, value.into());
-        self.drive.has_read(register);
     }
 
     /// Does nothing, because [`RequestHandler::write_multiple`] applies all writes.
@@ -307,8 +300,7 @@ impl RequestHandler for Bus<'_> {
     }
 
     fn write_multiple(&mut self, values: &Values<'_, Reg>) -> Option<Result<(), Exception>> {
-        let written = self.drive.write_all(self.at, values, self.out);
-        Some(written.map_err(|error| self.drive.note_refusal(self.at, error, self.out)))
+        Some(self.write_all(values).map_err(|error| self.note_refusal(error)))
     }
 
     fn on_out_of_range(&mut self, register: Reg, value: i64) {
@@ -319,21 +311,20 @@ impl RequestHandler for Bus<'_> {
         // Validation may accept the value, because the bus has narrower ranges of some registers than MCode
         // (MDRIVE-3).
         let error = validated.err().unwrap_or_else(|| illegal(register));
-        self.drive.fail(self.at, error, self.out);
+        self.drive.fail(self.at, error);
     }
 
     fn is_present(&self, register: Reg) -> bool {
-        self.drive.is_present(register)
+        self.drive.reader(self.at).is_present(register)
     }
 
     fn custom_function(&mut self, pdu: &[u8], reply: &mut Reply) -> Result<(), Exception> {
-        let Self { drive, at, out } = self;
         let Some((&function, data)) = pdu.split_first() else { return Err(Exception::IllegalFunction) };
         if function == ENCAPSULATED_INTERFACE {
-            return identify(drive, pdu, reply);
+            return identify(self.drive, pdu, reply);
         }
         let (mnemonic, data) = data.split_first_chunk().ok_or(Exception::IllegalDataValue)?;
-        drive.serve_specific(*at, function, *mnemonic, data, reply, *out)
+        self.serve_specific(function, *mnemonic, data, reply)
     }
 }
 

@@ -91,8 +91,15 @@ impl Saving {
     }
 
     /// End of the save in progress.
-    pub(super) fn due(&self) -> Instant {
+    pub(super) fn deadline(&self) -> Instant {
         self.0.map_or(Instant::NEVER, |parts| parts.variables.due())
+    }
+
+    /// Finishes the save in progress if it is due.
+    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
+        if self.deadline() <= at {
+            self.finish(at, out);
+        }
     }
 
     /// Finishes the save in progress, if any.
@@ -121,7 +128,7 @@ impl Drive {
     /// # Errors
     /// Error 70 if the saved values are bad, 74 in motion.
     pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
-        if self.is_in_motion() {
+        if self.reader(at).is_in_motion() {
             return Err(Error::ClearInMotion);
         }
         // A save in progress is finished first, because it was commanded before IP.
@@ -171,7 +178,7 @@ impl Drive {
                 validated.map_err(|_| PresetError::OutOfRange)?;
             }
             Ok(value) => {
-                let validated = self.validate(at, reg, value, &|other| self.bank.stored(other));
+                let validated = self.reader(at).validate(reg, value, &|other| self.bank.stored(other));
                 validated.map_err(|_| PresetError::OutOfRange)?;
                 self.bank.store(reg, value);
             }

@@ -4,10 +4,10 @@ use fixed::types::U24F8;
 
 use super::heat::SHUTDOWN;
 use super::rotor::{Rotor, evenly};
-use super::status::condition;
-use super::{Environment, Event, Hybrid, mode};
+use super::{Condition, Environment, Event, Hybrid, OFF};
 use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
+use crate::mdrive::motion::Circuit;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::variables::Registers;
 use crate::mdrive::{CALIBRATION, LOCKED_ROTOR};
@@ -95,16 +95,16 @@ impl Hybrid {
         env: &mut Environment<'_>,
         clears: bool,
     ) -> Result<bool, Error> {
-        if env.motion.is_moving() || self.turns() {
+        if env.motion.is_moving() || self.rotor.turns() {
             return Err(if clears { Error::ClearLockedInMotion } else { Error::CalibrationInMotion });
         }
-        env.motion.circuit_end(env.at, env.out);
+        env.motion.end_circuit(env.at, env.out);
         self.rotor = Rotor::Free;
         (self.is_locked, self.at_bounds) = (false, None);
         // Overheated electronics that have cooled down are enabled again; if still hot, they stay off.
         self.is_overheated &= self.heat.celsius(env.at) >= SHUTDOWN;
         self.is_disabled = self.is_overheated;
-        let works = env.registers.word(Reg::AS) != mode::OFF && self.has_bridge(env.registers);
+        let works = env.registers.word(Reg::AS) != OFF && self.has_bridge(env.registers);
         let due = env.at + calibration_time(env.registers);
         self.calibration = Calibration::Not;
         env.disable_bridge(self.is_disabled);
@@ -138,20 +138,20 @@ impl Hybrid {
     }
 
     fn end_calibration(&mut self, env: &mut Environment<'_>, outcome: Calibration) {
-        env.motion.circuit_end(env.at, env.out);
-        env.motion.clear_lag(env.at);
+        env.motion.end_circuit(env.at, env.out);
+        env.motion.shaft_mut().clear_lag(env.at);
         self.calibration = outcome;
         if outcome == Calibration::Failed {
             (self.is_locked, self.is_disabled) = (true, true);
             env.disable_bridge(true);
             self.events.push(Event::CalibrationFailed);
         }
-        self.events.push(Event::Reached(condition::CALIBRATED));
+        self.events.push(Event::Reached(Condition::Calibrated));
     }
 
     fn is_rotor_blocked(&self, env: &Environment<'_>) -> bool {
         let causes = self.causes;
-        causes.has(CALIBRATION) || causes.has(LOCKED_ROTOR) || !env.motion.follows()
+        causes.has(CALIBRATION) || causes.has(LOCKED_ROTOR) || !env.motion.shaft().follows()
     }
 }
 
@@ -169,5 +169,6 @@ fn turn_full_steps(env: &mut Environment<'_>, full_steps: i32) {
     let bits = (per_second * u64::from(FORTH.unsigned_abs())).div_ceil(FORTH_TAKES.ticks());
     let speed = U24F8::from_bits(u32::try_from(bits).unwrap_or(u32::MAX));
     let percent = (env.registers.word(Reg::CC) & 0xFF) as u8;
-    env.motion.circuit_turn(env.at, full_steps * i32::from(microsteps), evenly(speed), percent, env.out);
+    let circuit = Circuit::Turn { steps: full_steps * i32::from(microsteps), rates: evenly(speed) };
+    env.motion.begin_circuit(env.at, circuit, percent, env.out);
 }

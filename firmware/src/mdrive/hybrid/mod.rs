@@ -21,13 +21,12 @@ mod status;
 use self::calibration::Calibration;
 use self::heat::{Heat, SHUTDOWN};
 use self::rotor::Rotor;
-use self::status::{Limit, condition};
+use self::status::Limit;
 use super::drive::Model;
 use super::error::Error;
 use super::io::Io;
-use super::motion::Motion;
+use super::motion::{self, Motion};
 use super::registers::Reg;
-use super::settings::set_motion;
 use super::variables::Registers;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
 use crate::device::{Context, Fault, Instant};
@@ -36,11 +35,9 @@ use heapless::Deque;
 /// Text printed when WT is exceeded; MC 5-81 does not give the text (MDRIVE-31).
 pub(super) const WARNING: &[u8] = b"Error 71\r\n";
 
-/// Values of AS.
-mod mode {
-    pub(super) const OFF: u16 = 0;
-    pub(super) const TORQUE: u16 = 3;
-}
+/// Values of AS: the circuitry is off; torque mode.
+const OFF: u16 = 0;
+const TORQUE: u16 = 3;
 
 /// Frequency that SS and TS divide (FB 5.1; MDRIVE-23), in Hz.
 const OSCILLATOR: i32 = 10_000_000;
@@ -73,6 +70,17 @@ impl Causes {
     }
 }
 
+/// Conditions of TA (MC 5-71).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+#[repr(u8)]
+pub(super) enum Condition {
+    Calibrated = 1,
+    Active = 2,
+    Locked = 4,
+    Lag = 8,
+    Lead = 16,
+}
+
 /// Event of the circuitry for the rest of the drive.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Event {
@@ -82,9 +90,9 @@ pub(super) enum Event {
     /// The temperature has exceeded WT.
     IsWarm,
     /// A condition of TA has become true.
-    Reached(u8),
+    Reached(Condition),
     /// A condition of TA has become true. Unless TA trips on it, it is this error.
-    Limit(Error, u8),
+    Limit(Error, Condition),
 }
 
 /// Events that the drive has not handled yet.
@@ -190,8 +198,8 @@ impl Hybrid {
         let comes = on && !self.causes.has(fault);
         self.causes.set(fault, on);
         match fault {
-            LEAD_LIMIT if comes => self.events.push(Event::Limit(Error::LeadLimit, condition::LEAD)),
-            LAG_LIMIT if comes => self.events.push(Event::Limit(Error::LagLimit, condition::LAG)),
+            LEAD_LIMIT if comes => self.events.push(Event::Limit(Error::LeadLimit, Condition::Lead)),
+            LAG_LIMIT if comes => self.events.push(Event::Limit(Error::LagLimit, Condition::Lag)),
             LOCKED_ROTOR if on && self.watches_rotor(env.registers) => self.lock(env),
             LOCKED_ROTOR if is_in_torque_mode(env.registers) => self.is_locked = false,
             OVER_TEMPERATURE if env.registers.model() == Model::Hybrid => self.heat.set(env.at, on),
@@ -217,10 +225,10 @@ impl Hybrid {
         if self.position_due <= at {
             self.events.push(Event::Failed(Error::MaximumPosition));
         }
-        let steps = motion.steps(at);
+        let steps = motion.shaft().steps(at);
         // The step from one end of the range to the other does not count as reaching it.
         let ends = [i32::MIN, i32::MAX].into_iter().filter(|&end| end != !steps);
-        let dues = ends.map(|end| motion.reaches_steps(at, end)).filter(|&due| due > at);
+        let dues = ends.map(|end| motion.shaft().reaches_steps(at, end)).filter(|&due| due > at);
         self.position_due = dues.min().unwrap_or(Instant::NEVER);
     }
 
@@ -263,11 +271,29 @@ impl Hybrid {
     }
 }
 
-fn is_in_torque_mode(registers: &Registers) -> bool {
-    registers.word(Reg::AS) == mode::TORQUE
+/// Returns true if AS selects torque mode.
+pub(super) fn is_in_torque_mode(registers: &Registers) -> bool {
+    registers.word(Reg::AS) == TORQUE
 }
 
 /// Temperature of the warning, in °C: above WT.
 fn warning(registers: &Registers) -> i64 {
     i64::from(registers.word(Reg::WT)) + 1
+}
+
+/// Passes the settings to motion. The bridge is on if DE is 1, unless the circuitry has switched it off
+/// (`is_disabled`).
+pub(super) fn set_motion(
+    at: Instant,
+    registers: &mut Registers,
+    io: &Io,
+    is_disabled: bool,
+    motion: &mut Motion,
+    out: &mut dyn Context,
+) {
+    let settings = motion::Settings::of(registers, Some(io)).switched_off(is_disabled);
+    if motion.set(at, settings, out) {
+        // "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50).
+        registers.set(Reg::MU, 0);
+    }
 }

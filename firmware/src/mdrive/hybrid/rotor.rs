@@ -6,10 +6,11 @@
 
 use fixed::types::{I24F8, U24F8};
 
-use super::status::{Limit, condition};
-use super::{Environment, Event, Hybrid, LOCKED_ROTOR, frequency, is_in_torque_mode};
+use super::status::Limit;
+use super::{Condition, Environment, Event, Hybrid, LOCKED_ROTOR, frequency, is_in_torque_mode};
 use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
+use crate::mdrive::motion::Circuit;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::variables::Registers;
 use crate::motion::{Limits, MAX_ACCELERATION};
@@ -45,15 +46,15 @@ pub(super) struct Spin {
     forward: bool,
 }
 
-impl Hybrid {
+impl Rotor {
     /// Returns true if torque mode is on, also while something stops the rotor.
-    pub(in crate::mdrive) fn has_torque(&self) -> bool {
-        matches!(self.rotor, Rotor::Spins { .. })
+    pub(super) fn has_torque(self) -> bool {
+        matches!(self, Self::Spins { .. })
     }
 
     /// Returns true if the rotor turns without a commanded motion.
-    pub(in crate::mdrive) fn turns(&self) -> bool {
-        matches!(self.rotor, Rotor::Spins { is_stopped: false, .. } | Rotor::Slows(_))
+    pub(super) fn turns(self) -> bool {
+        matches!(self, Self::Spins { is_stopped: false, .. } | Self::Slows(_))
     }
 }
 
@@ -74,7 +75,7 @@ impl Hybrid {
     /// rotor.
     pub(super) fn watch_rotor(&mut self, env: &mut Environment<'_>) {
         self.rotor_due = Instant::NEVER;
-        if self.rotor != Rotor::Free && !env.motion.is_circuit_driven() {
+        if self.rotor != Rotor::Free && !env.motion.activity().is_circuit_driven() {
             // A motion command has ended the control.
             self.rotor = Rotor::Free;
         }
@@ -101,15 +102,18 @@ impl Hybrid {
                 let now = Spin { torque, speed, ..spin };
                 if now != spin {
                     self.spin(env, now);
-                } else if !is_stopped && !env.motion.follows() {
+                } else if !is_stopped && !env.motion.shaft().follows() {
                     self.spin_on(env, spin);
-                } else if is_stopped && env.motion.follows() && env.motion.can_turn(spin.forward) {
+                } else if is_stopped
+                    && env.motion.shaft().follows()
+                    && env.motion.shaft().can_turn(spin.forward)
+                {
                     // The load was too heavy, and has become lighter.
                     self.spin(env, spin);
                 }
             }
             _ if is_wanted => {
-                if env.motion.is_at_rest() || env.motion.is_circuit_driven() {
+                if env.motion.activity().is_rest() || env.motion.activity().is_circuit_driven() {
                     let forward = env.registers.word(Reg::TD) != 0;
                     self.spin(env, Spin { torque, speed, forward });
                 }
@@ -128,23 +132,29 @@ impl Hybrid {
         let turns = I24F8::saturating_from_num(if forward { speed } else { -speed });
         let acceleration = in_steps(env.registers, by_torque(torque));
         self.rotor = Rotor::Spins { spin, is_stopped: false };
-        env.motion.circuit_spin(env.at, turns, acceleration, (torque & 0xFF) as u8, env.out);
-        if !env.motion.follows() {
+        env.motion.begin_circuit(
+            env.at,
+            Circuit::Spin { speed: turns, acceleration },
+            (torque & 0xFF) as u8,
+            env.out,
+        );
+        if !env.motion.shaft().follows() {
             self.spin_on(env, spin);
         }
     }
 
     /// Handles a rotor if no torque is left to accelerate it. The rotor keeps its present speed, or stops.
     fn spin_on(&mut self, env: &mut Environment<'_>, spin: Spin) {
-        let speed = env.motion.circuit_speed(env.at);
+        let speed = env.motion.shaft().speed(env.at);
         if speed != 0 {
-            let rounds_by = in_steps(env.registers, coasts(env.registers));
-            env.motion.circuit_spin(env.at, speed, rounds_by, (spin.torque & 0xFF) as u8, env.out);
+            let acceleration = in_steps(env.registers, coasts(env.registers));
+            let percent = (spin.torque & 0xFF) as u8;
+            env.motion.begin_circuit(env.at, Circuit::Spin { speed, acceleration }, percent, env.out);
             env.motion.resynchronise_rotor(env.at, env.out);
         }
-        let is_stopped = speed == 0 || !env.motion.follows();
+        let is_stopped = speed == 0 || !env.motion.shaft().follows();
         if is_stopped {
-            env.motion.circuit_stop(env.at, env.out);
+            env.motion.stop_circuit(env.at, env.out);
         }
         self.rotor = Rotor::Spins { spin, is_stopped };
     }
@@ -156,15 +166,17 @@ impl Hybrid {
         let now = Rotor::Slows(by);
         let percent = (run & 0xFF) as u8;
         if core::mem::replace(&mut self.rotor, now) != now {
-            env.motion.circuit_slow(env.at, in_steps(env.registers, by), percent, env.out);
+            let deceleration = in_steps(env.registers, by);
+            env.motion.begin_circuit(env.at, Circuit::Slow { deceleration }, percent, env.out);
         }
-        if !env.motion.follows() {
+        if !env.motion.shaft().follows() {
             // The current RC is not enough for this deceleration.
-            env.motion.circuit_slow(env.at, in_steps(env.registers, coasts), percent, env.out);
+            let deceleration = in_steps(env.registers, coasts);
+            env.motion.begin_circuit(env.at, Circuit::Slow { deceleration }, percent, env.out);
             env.motion.resynchronise_rotor(env.at, env.out);
         }
-        let ends = env.motion.plan_ends();
-        if ends <= env.at || !env.motion.follows() {
+        let ends = env.motion.shaft().plan().end();
+        if ends <= env.at || !env.motion.shaft().follows() {
             self.leave_rotor(env);
         } else {
             self.rotor_due = ends;
@@ -173,20 +185,20 @@ impl Hybrid {
 
     /// Ends the control of the rotor at its present position, where it neither lags nor leads.
     fn leave_rotor(&mut self, env: &mut Environment<'_>) {
-        env.motion.circuit_end(env.at, env.out);
-        env.motion.clear_lag(env.at);
+        env.motion.end_circuit(env.at, env.out);
+        env.motion.shaft_mut().clear_lag(env.at);
         self.rotor = Rotor::Free;
     }
 
     /// Makes up for the rotor's lag after a motion if MU is not 0, at the speed of MF or SS.
     fn make_up(&mut self, env: &mut Environment<'_>) {
         if self.rotor == Rotor::MakesUp {
-            let ends = env.motion.plan_ends();
+            let ends = env.motion.shaft().plan().end();
             if ends > env.at {
                 self.rotor_due = ends;
                 return;
             }
-            env.motion.circuit_end(env.at, env.out);
+            env.motion.end_circuit(env.at, env.out);
             self.rotor = Rotor::Free;
         }
         let system = frequency(env.registers.word(Reg::SS).into());
@@ -196,14 +208,15 @@ impl Hybrid {
             _ => return,
         };
         let lag = self.lag(env.at, env.registers, env.motion);
-        if lag == 0 || !env.motion.is_at_rest() || !env.motion.shaft_stands() {
+        if lag == 0 || !env.motion.activity().is_rest() || !env.motion.shaft().stands() {
             return;
         }
         let percent = (env.registers.word(Reg::RC) & 0xFF) as u8;
-        env.motion.circuit_turn(env.at, lag, evenly(U24F8::saturating_from_num(frequency)), percent, env.out);
+        let rates = evenly(U24F8::saturating_from_num(frequency));
+        env.motion.begin_circuit(env.at, Circuit::Turn { steps: lag, rates }, percent, env.out);
         self.rotor = Rotor::MakesUp;
-        self.rotor_due = env.motion.plan_ends();
-        self.events.push(Event::Reached(condition::ACTIVE));
+        self.rotor_due = env.motion.shaft().plan().end();
+        self.events.push(Event::Reached(Condition::Active));
     }
 
     /// Reports a lag beyond LG or a lead beyond LD (MC 5-41).
@@ -220,8 +233,8 @@ impl Hybrid {
         };
         let before = core::mem::replace(&mut self.limit, now);
         match now.filter(|_| now != before) {
-            Some(Limit::Lag) => self.events.push(Event::Limit(Error::LagLimit, condition::LAG)),
-            Some(Limit::Lead) => self.events.push(Event::Limit(Error::LeadLimit, condition::LEAD)),
+            Some(Limit::Lag) => self.events.push(Event::Limit(Error::LagLimit, Condition::Lag)),
+            Some(Limit::Lead) => self.events.push(Event::Limit(Error::LeadLimit, Condition::Lead)),
             None => {}
         }
         if now != Some(Limit::Lag) {
@@ -238,7 +251,7 @@ impl Hybrid {
         // CB 0 to 3 are 11, 13, 15 and 17 tenths of a full step.
         let tenths = 11 + 2 * i32::from(env.registers.word(Reg::CB));
         let bounds = i32::from(env.registers.word(Reg::MS)) * tenths / 10;
-        let stands = !env.motion.follows();
+        let stands = !env.motion.shaft().follows();
         let is_at_bounds = match self.rotor {
             Rotor::Spins { is_stopped, .. } => is_stopped,
             _ => {
@@ -259,7 +272,7 @@ impl Hybrid {
         let begins = self.at_bounds.is_none();
         let since = *self.at_bounds.get_or_insert(env.at);
         if begins {
-            self.events.push(Event::Reached(condition::ACTIVE));
+            self.events.push(Event::Reached(Condition::Active));
         }
         let timeout = Duration::millis(u64::try_from(env.registers.get(Reg::LT)).unwrap_or(0));
         if self.is_locked {
@@ -274,8 +287,8 @@ impl Hybrid {
 
     /// Schedules a check for the time at which the rotor may reach this lag.
     fn predict_lag(&mut self, env: &Environment<'_>, lag: i32) {
-        if !env.motion.is_circuit_driven() {
-            self.rotor_due = self.rotor_due.min(env.motion.lag_time(env.at, lag));
+        if !env.motion.activity().is_circuit_driven() {
+            self.rotor_due = self.rotor_due.min(env.motion.shaft().lag_time(env.at, lag));
         }
     }
 
@@ -284,12 +297,12 @@ impl Hybrid {
     pub(super) fn lock(&mut self, env: &mut Environment<'_>) {
         self.is_locked = true;
         if is_in_torque_mode(env.registers) {
-            return self.events.push(Event::Reached(condition::LOCKED));
+            return self.events.push(Event::Reached(Condition::Locked));
         }
         (self.is_disabled, self.at_bounds) = (true, None);
         env.motion.halt(env.at, env.out);
         env.disable_bridge(true);
-        self.events.push(Event::Limit(Error::LockedRotor, condition::LOCKED));
+        self.events.push(Event::Limit(Error::LockedRotor, Condition::Locked));
     }
 }
 

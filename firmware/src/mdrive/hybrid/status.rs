@@ -1,34 +1,23 @@
-//! Status of the circuitry: AF, LL, LR, IT, the bridge (MC 5-2, 5-41, 5-42), and the conditions of TA (MC 5-71).
+//! Status of the circuitry: AF, LL, LR, IT, the bridge (MC 5-2, 5-41, 5-42).
 
 use super::calibration::Calibration;
 use super::rotor::Rotor;
-use super::{Hybrid, LAG_LIMIT, LEAD_LIMIT, is_in_torque_mode, mode};
+use super::{Hybrid, LAG_LIMIT, LEAD_LIMIT, OFF, is_in_torque_mode};
 use crate::device::Instant;
 use crate::mdrive::motion::Motion;
 use crate::mdrive::reasons::Why;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::variables::Registers;
 
-/// Bits of AF (MC 5-2).
-mod bit {
-    pub(super) const LEAD: u16 = 1;
-    pub(super) const LAG: u16 = 2;
-    pub(super) const LOCKED: u16 = 8;
-    pub(super) const ACTIVE: u16 = 16;
-    pub(super) const HARDWARE: u16 = 32;
-    pub(super) const AT_ZERO: u16 = 64;
-    pub(super) const CALIBRATED: u16 = 128;
-    pub(super) const FAILED: u16 = 256;
-}
-
-/// Conditions of TA (MC 5-71).
-pub(super) mod condition {
-    pub(in super::super) const CALIBRATED: u8 = 1;
-    pub(in super::super) const ACTIVE: u8 = 2;
-    pub(in super::super) const LOCKED: u8 = 4;
-    pub(in super::super) const LAG: u8 = 8;
-    pub(in super::super) const LEAD: u8 = 16;
-}
+// Bits of AF (MC 5-2).
+const LEAD: u16 = 1;
+const LAG: u16 = 2;
+const LOCKED: u16 = 8;
+const ACTIVE: u16 = 16;
+const HARDWARE: u16 = 32;
+const AT_ZERO: u16 = 64;
+const CALIBRATED: u16 = 128;
+const FAILED: u16 = 256;
 
 /// Limit that the rotor has reached.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -43,6 +32,16 @@ impl Hybrid {
     /// LR: true if the rotor is locked.
     pub(in crate::mdrive) fn is_locked(&self) -> bool {
         self.is_locked
+    }
+
+    /// Returns true if torque mode is on, also while something stops the rotor.
+    pub(in crate::mdrive) fn has_torque(&self) -> bool {
+        self.rotor.has_torque()
+    }
+
+    /// Returns true if the rotor turns without a commanded motion.
+    pub(in crate::mdrive) fn turns(&self) -> bool {
+        self.rotor.turns()
     }
 
     pub(in crate::mdrive) fn is_making_up(&self) -> bool {
@@ -60,14 +59,14 @@ impl Hybrid {
         let at_zero =
             self.watches_rotor(registers) && rotor == Rotor::Free && self.lag(at, registers, motion) == 0;
         [
-            (limit == Some(Limit::Lead) || causes.has(LEAD_LIMIT), bit::LEAD),
-            (limit == Some(Limit::Lag) || causes.has(LAG_LIMIT), bit::LAG),
-            (is_locked, bit::LOCKED),
-            (self.corrects_rotor(motion), bit::ACTIVE),
-            (is_overheated, bit::HARDWARE),
-            (at_zero, bit::AT_ZERO),
-            (calibration.is_over(), bit::CALIBRATED),
-            (calibration == Calibration::Failed, bit::FAILED),
+            (limit == Some(Limit::Lead) || causes.has(LEAD_LIMIT), LEAD),
+            (limit == Some(Limit::Lag) || causes.has(LAG_LIMIT), LAG),
+            (is_locked, LOCKED),
+            (self.corrects_rotor(motion), ACTIVE),
+            (is_overheated, HARDWARE),
+            (at_zero, AT_ZERO),
+            (calibration.is_over(), CALIBRATED),
+            (calibration == Calibration::Failed, FAILED),
         ]
         .into_iter()
         .filter(|&(is_so, _)| is_so)
@@ -76,19 +75,19 @@ impl Hybrid {
 
     /// Returns true if the circuitry corrects the rotor at present.
     pub(in crate::mdrive) fn corrects_rotor(&self, motion: &Motion) -> bool {
-        self.at_bounds.is_some() || self.rotor != Rotor::Free || motion.is_too_fast()
+        self.at_bounds.is_some() || self.rotor != Rotor::Free || motion.shaft().is_too_fast()
     }
 
     /// LL, the lag in steps. It is 0 in torque mode and until the rotor is at rest after it, during a
     /// calibration, and while the circuitry is off.
     pub(in crate::mdrive) fn lag(&self, at: Instant, registers: &Registers, motion: &Motion) -> i32 {
-        let is_bound = self.watches_rotor(registers) && !is_in_torque_mode(registers) && !self.turns();
-        if is_bound { motion.lag(at) } else { 0 }
+        let is_bound = self.watches_rotor(registers) && !is_in_torque_mode(registers) && !self.rotor.turns();
+        if is_bound { motion.shaft().lag(at) } else { 0 }
     }
 
     /// Returns true if the circuitry controls the rotor.
     pub(super) fn watches_rotor(&self, registers: &Registers) -> bool {
-        let is_on = registers.word(Reg::AS) != mode::OFF && self.has_bridge(registers);
+        let is_on = registers.word(Reg::AS) != OFF && self.has_bridge(registers);
         is_on && self.calibration.is_over()
     }
 

@@ -24,6 +24,8 @@ use self::point::{Kind, Point, SetUp};
 use self::remote::Remote;
 use super::error::Error;
 use super::motion::{Channel, Contact};
+use super::registers::Reg;
+use super::variables::Registers;
 use super::{A, B, CAPTURE, INDEX, IO1, IO2, IO3, IO4, IO7, IO8};
 use crate::device::{Context, Duration, Instant, Pin, Plan};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
@@ -80,17 +82,33 @@ pub(super) struct StateFlags {
 #[derive(Clone, Copy, PartialEq, Eq, Debug, Default)]
 pub(super) struct Filters {
     /// Debounce times D1 to D4, in ms.
-    pub(super) debounce_ms: [u8; 4],
+    debounce_ms: [u8; 4],
     /// D5: number of readings to average over.
-    pub(super) average: u8,
+    average: u8,
     /// Filters FC (capture) and FM (clock), 0 to 9.
-    pub(super) capture: u8,
-    pub(super) clock: u8,
+    capture: u8,
+    clock: u8,
     /// CW: width of output pulses, in units of 50 ns.
-    pub(super) pulse: u8,
+    pulse: u8,
     /// CM: true in clock mode. Clock ratio CR, in thousandths.
-    pub(super) clocked: bool,
-    pub(super) ratio: u16,
+    clocked: bool,
+    ratio: u16,
+}
+
+impl Filters {
+    /// Settings in the registers.
+    pub(super) fn of(bank: &Registers) -> Self {
+        let byte = |reg| (bank.word(reg) & 0xFF) as u8;
+        Self {
+            debounce_ms: [Reg::D1, Reg::D2, Reg::D3, Reg::D4].map(byte),
+            average: byte(Reg::D5),
+            capture: byte(Reg::FC),
+            clock: byte(Reg::FM),
+            pulse: byte(Reg::CW),
+            clocked: bank.word(Reg::CM) != 0,
+            ratio: bank.word(Reg::CR),
+        }
+    }
 }
 
 impl Filters {

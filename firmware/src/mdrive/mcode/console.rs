@@ -5,26 +5,20 @@
 //! The drive executes one line at a time, from any connection, and takes no other input from its connections
 //! meanwhile (MDRIVE-35).
 
-mod line;
-mod time;
-
 use core::mem;
 
-use heapless::Vec;
+use heapless::{Deque, Vec};
 
-use self::line::Console;
-pub(in crate::mdrive) use self::line::{Consoles, MAX_CONNECTIONS};
-use super::super::MCODE;
-use super::super::drive::Drive;
-use super::super::error::{Error, Errors};
-use super::super::reasons::{Why, report};
-use super::super::registers::Reg;
-use super::super::variables::Registers;
-use super::parse::begins_number;
-use super::print::CR_LF;
-use super::serial::{ACK, NAK, Party, PartyAddress, is_checked};
-use super::statement::{Place, Statement};
-use crate::device::{Context, DropReason, Instant, Link, LogEvent, Output};
+use super::program::LINE_BYTES;
+use super::serial::{Party, PartyAddress};
+use crate::device::{Context, DropReason, Duration, Instant, Link, LogEvent, Output};
+use crate::mdrive::MCODE;
+use crate::mdrive::error::Errors;
+use crate::mdrive::reader::CR_LF;
+use crate::mdrive::reasons::{Why, report};
+use crate::mdrive::registers::Reg;
+use crate::mdrive::startup::SIGN_ON;
+use crate::mdrive::variables::Registers;
 
 const CTRL_C: u8 = 0x03;
 const CTRL_E: u8 = 0x05;
@@ -33,303 +27,304 @@ const ESCAPE: u8 = 0x1B;
 const DELETE: u8 = 0x7F;
 
 /// Echo of a typed line, by EM (MC 7.1.1).
-mod echo {
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Echo {
     /// Each character, and a prompt.
-    pub(super) const FULL: u16 = 0;
+    Full,
     /// CR LF when the line is accepted.
-    pub(super) const HALF: u16 = 1;
+    Half,
     /// Nothing; only printed text is sent.
-    pub(super) const NONE: u16 = 2;
+    None,
     /// The whole line, after its end.
-    pub(super) const AFTERWARDS: u16 = 3;
+    Afterwards,
 }
 
-impl Drive {
-    pub(in crate::mdrive) fn console_closed(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        self.mcode.consoles.close(link);
-        self.process_waiting(at, out);
+/// Maximum number of connections.
+pub(in crate::mdrive) const MAX_CONNECTIONS: usize = 4;
+
+/// Number of characters that can wait during the execution of a line, if a client sends more than the drive
+/// [takes](crate::device::Device::takes). Further characters are lost.
+pub(in crate::mdrive) const WAITING: usize = 256;
+
+/// A connection and the line that is being typed.
+#[derive(Clone, Debug)]
+struct Console {
+    link: Link,
+    line: Vec<u8, LINE_BYTES>,
+    /// True if the line was too long and is refused. The rest of it is dropped.
+    refused: bool,
+    /// True if the last character was CR. An LF after it belongs to the same end of line.
+    returned: bool,
+    address_state: PartyAddress,
+    /// Address of the next line, while in program mode.
+    programming: Option<u16>,
+}
+
+impl Console {
+    const fn new(link: Link, address_state: PartyAddress) -> Self {
+        Self { link, line: Vec::new(), refused: false, returned: false, address_state, programming: None }
+    }
+}
+
+/// A line that is complete.
+pub(super) struct Typed {
+    pub(super) line: Vec<u8, LINE_BYTES>,
+    /// Name by which the line called this drive; 0 if it called none.
+    pub(super) name: u8,
+    /// Address at which the line is stored, in program mode.
+    pub(super) programming: Option<u16>,
+}
+
+/// Result of a character.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Key {
+    None,
+    /// The line ends. The program continues at full speed if it `continues`.
+    End {
+        continues: bool,
+    },
+    /// The program executes one line.
+    Step,
+    /// The line is too long and is refused.
+    TooLong,
+    /// Ctrl-C: the drive restarts.
+    Restart,
+    /// Esc or Ctrl-E: motion and program stop.
+    Abort,
+}
+
+/// All connections.
+#[derive(Clone, Debug)]
+pub(in crate::mdrive) struct Consoles {
+    list: Vec<Console, MAX_CONNECTIONS>,
+    party: Party,
+    /// Connection whose line is being executed, and the end of the execution. There is only one at a time.
+    executing: Option<(Link, Instant)>,
+    /// Characters received during the execution, in their order.
+    waiting: Deque<(Link, u8), WAITING>,
+}
+
+impl Consoles {
+    pub(in crate::mdrive) const fn new() -> Self {
+        Self { list: Vec::new(), party: Party::Off, executing: None, waiting: Deque::new() }
     }
 
-    /// Handles characters, which may contain several lines. A line may change the state for the next one, so
-    /// the next one waits for it.
-    pub(in crate::mdrive) fn console_received(
-        &mut self,
-        at: Instant,
-        link: Link,
-        bytes: &[u8],
-        out: &mut dyn Context,
-    ) {
-        for character in bytes {
-            if self.mcode.consoles.takes() {
-                self.on_character(at, link, *character, out);
-            } else {
-                self.mcode.consoles.wait(link, *character);
+    /// Opens a connection.
+    ///
+    /// # Errors
+    /// There is no room.
+    fn open(&mut self, link: Link) -> Result<(), Console> {
+        self.list.push(Console::new(link, self.first_called()))
+    }
+
+    /// Closes a connection. Forgets the text that is being typed there, the command of this connection that is
+    /// in execution, and the characters that wait for its end.
+    pub(super) fn close(&mut self, link: Link) {
+        self.list.retain(|console| console.link != link);
+        self.executing.take_if(|(executing, _)| *executing == link);
+        for _ in 0..self.waiting.len() {
+            if let Some(typed) = self.waiting.pop_front().filter(|typed| typed.0 != link) {
+                // The queue has room again.
+                let _ = self.waiting.push_back(typed);
             }
         }
     }
 
-    /// Executes the line whose execution time has ended, then handles the characters received meanwhile.
-    pub(in crate::mdrive) fn console_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if let Some(link) = self.mcode.consoles.executed(at) {
-            self.execute_line(at, link, out);
-            self.dispatch_events(at, out);
-            self.process_waiting(at, out);
+    /// Returns true if a connection is in program mode.
+    pub(in crate::mdrive) fn is_programming(&self) -> bool {
+        self.list.iter().any(|console| console.programming.is_some())
+    }
+
+    /// Resets all connections for a restart of the drive. They stay open.
+    pub(in crate::mdrive) fn restart(&mut self) {
+        self.party = Party::Off;
+        self.executing = None;
+        self.waiting.clear();
+        for console in &mut self.list {
+            *console = Console::new(console.link, PartyAddress::Plain);
         }
     }
 
-    fn process_waiting(&mut self, at: Instant, out: &mut dyn Context) {
-        while let Some((link, character)) = self.mcode.consoles.waited() {
-            self.on_character(at, link, character, out);
+    /// Begins or ends party mode. Unfinished lines are dropped.
+    pub(in crate::mdrive) fn set_party(&mut self, on: bool) {
+        if on == (self.party != Party::Off) {
+            return;
+        }
+        self.party = if on { Party::Waiting } else { Party::Off };
+        let address_state = self.first_called();
+        for console in &mut self.list {
+            *console =
+                Console { programming: console.programming, ..Console::new(console.link, address_state) };
         }
     }
 
-    fn on_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
-        // An earlier Ctrl-C may have restarted the drive.
-        if self.is_started() {
-            self.console_character(at, link, character, out);
-            // A key takes effect at once.
-            if character.is_ascii_control() {
-                self.dispatch_events(at, out);
-            }
-        } else {
-            note_lost_input(at, out);
+    /// Addressee at the beginning of a line.
+    fn first_called(&self) -> PartyAddress {
+        if self.party == Party::Off { PartyAddress::Plain } else { PartyAddress::Next }
+    }
+
+    /// All connections.
+    pub(in crate::mdrive) fn links(&self) -> Vec<Link, MAX_CONNECTIONS> {
+        let mut links = Vec::new();
+        for console in &self.list {
+            // The list has room for all connections.
+            let _ = links.push(console.link);
+        }
+        links
+    }
+
+    /// Sends text to every connection, such as PR of a program. Without a connection the text is lost.
+    pub(in crate::mdrive) fn send_to_all(&self, at: Instant, text: &[u8], out: &mut dyn Context) {
+        for console in &self.list {
+            send(at, console.link, text, out);
         }
     }
 
     /// Sends the drive's name to every connection, because a move that announces its end has ended (MC 5-45).
-    pub(in crate::mdrive) fn send_name(&mut self, at: Instant, out: &mut dyn Context) {
-        let name = (self.bank.word(Reg::DN) & 0x7F) as u8;
-        self.mcode.consoles.send_to_all(at, &[name, b'\r', b'\n'], out);
+    pub(in crate::mdrive) fn send_name(&self, at: Instant, name: u16, out: &mut dyn Context) {
+        self.send_to_all(at, &[(name & 0x7F) as u8, b'\r', b'\n'], out);
     }
 
-    fn console_character(&mut self, at: Instant, link: Link, character: u8, out: &mut dyn Context) {
-        let party = self.bank.is_party();
-        if party && !self.mcode.consoles.is_for_me(at, link, character, &self.bank, out) {
-            return;
+    /// Sends the sign-on and a prompt to every connection.
+    pub(in crate::mdrive) fn greet(&self, at: Instant, prompt: &[u8], out: &mut dyn Context) {
+        self.send_to_all(at, SIGN_ON, out);
+        self.send_to_all(at, prompt, out);
+    }
+
+    fn find(&mut self, link: Link) -> Option<&mut Console> {
+        self.list.iter_mut().find(|console| console.link == link)
+    }
+
+    /// Returns true if no line is being executed.
+    pub(in crate::mdrive) fn takes(&self) -> bool {
+        self.executing.is_none()
+    }
+
+    /// Time at which the line in execution takes effect.
+    pub(in crate::mdrive) fn deadline(&self) -> Instant {
+        self.executing.map_or(Instant::NEVER, |(_, due)| due)
+    }
+
+    /// Begins to execute the line on a connection.
+    pub(super) fn execute(&mut self, at: Instant, link: Link, takes: Duration) {
+        self.executing = Some((link, at + takes));
+    }
+
+    /// Takes the connection whose line has been executed.
+    pub(super) fn executed(&mut self, at: Instant) -> Option<Link> {
+        self.executing.take_if(|(_, due)| *due <= at).map(|(link, _)| link)
+    }
+
+    /// Stores characters that arrive while a line is being executed.
+    pub(super) fn wait(&mut self, link: Link, character: u8) {
+        // A client that respects `takes` never sends more characters than the queue holds.
+        let _ = self.waiting.push_back((link, character));
+    }
+
+    /// Takes the oldest waiting character, unless a line is being executed.
+    pub(super) fn waited(&mut self) -> Option<(Link, u8)> {
+        if self.takes() { self.waiting.pop_front() } else { None }
+    }
+
+    /// Handles a character, which is echoed if that is on. `steps` is true if the program waits for a key. Returns what
+    /// follows.
+    pub(super) fn character(
+        &mut self,
+        at: Instant,
+        link: Link,
+        character: u8,
+        registers: &Registers,
+        steps: bool,
+        out: &mut dyn Context,
+    ) -> Key {
+        let party = registers.is_party();
+        if party && !self.is_for_me(at, link, character, registers, out) {
+            return Key::None;
         }
-        let echoes = self.bank.echo_mode() == echo::FULL;
-        let (steps, escape) = (self.mcode.vm.is_stepping(), self.bank.escape());
-        let Some(console) = self.mcode.consoles.find(link) else { return };
+        let echoes = registers.echo() == Echo::Full;
+        let Some(console) = self.find(link) else { return Key::None };
         let returned = mem::replace(&mut console.returned, character == b'\r');
         let is_blank = console.line.trim_ascii().is_empty() && !console.refused;
         match character {
-            b'\n' if returned && !party => {}
-            b'\r' if party => {}
-            b'\r' | b'\n' => {
-                if steps && is_blank {
-                    self.mcode.vm.step(at, false);
-                }
-                self.end_line(at, link);
-            }
-            CTRL_C if self.bank.word(Reg::CE) != 0 => {
+            b'\n' if returned && !party => Key::None,
+            b'\r' if party => Key::None,
+            b'\r' | b'\n' => Key::End { continues: steps && is_blank },
+            CTRL_C if registers.word(Reg::CE) != 0 => {
                 note_key(at, character, out);
                 // The sign-on begins on a new line.
                 let is_open = echoes && !console.line.is_empty();
-                self.mcode.consoles.answer(at, link, if is_open { CR_LF } else { b"" }, &self.bank, out);
-                self.restart(at, out);
+                self.answer(at, link, if is_open { CR_LF } else { b"" }, registers, out);
+                Key::Restart
             }
-            _ if character == escape => {
+            _ if character == registers.escape() => {
                 note_key(at, character, out);
-                self.abort(at, link, out);
+                let programming = console.programming;
+                *console = Console { programming, ..Console::new(link, console.address_state) };
+                Key::Abort
             }
             CTRL_C | CTRL_E | ESCAPE => {
                 report(Err(Why::KeyIsOff), at, out);
                 note_key(at, character, out);
+                Key::None
             }
-            b' ' if steps && is_blank => self.mcode.vm.step(at, true),
+            b' ' if steps && is_blank => Key::Step,
             BACKSPACE | DELETE => {
                 let taken = console.line.pop().is_some();
                 let erasure: &[u8] = if taken && echoes { b"\x08 \x08" } else { b"" };
-                self.mcode.consoles.answer(at, link, erasure, &self.bank, out);
+                self.answer(at, link, erasure, registers, out);
+                Key::None
             }
             b'\t' | b' '.. if !console.refused => {
                 if console.line.push(character).is_err() {
-                    self.refuse_line(at, link, out);
-                } else if echoes {
-                    self.mcode.consoles.answer(at, link, &[character], &self.bank, out);
+                    console.refused = true;
+                    return Key::TooLong;
                 }
+                if echoes {
+                    self.answer(at, link, &[character], registers, out);
+                }
+                Key::None
             }
             // Ignored: the rest of a line that was too long, or a key that the drive does not have.
-            _ => {}
+            _ => Key::None,
         }
     }
 
-    /// Handles the end of a line: its execution begins, unless the line was refused before.
-    fn end_line(&mut self, at: Instant, link: Link) {
-        let next = self.mcode.consoles.first_called();
-        let Some(console) = self.mcode.consoles.find(link) else { return };
-        if mem::take(&mut console.refused) {
+    /// Ends a line. Returns false if the line was refused before, so that it is not executed.
+    pub(super) fn end_line(&mut self, link: Link) -> bool {
+        let next = self.first_called();
+        let Some(console) = self.find(link) else { return false };
+        let refused = mem::take(&mut console.refused);
+        if refused {
             console.line.clear();
             console.address_state = next;
-            return;
         }
-        let (line, programming) = (console.line.clone(), console.programming.is_some());
-        let takes = self.execution_time(&line, programming);
-        self.mcode.consoles.execute(at, link, takes);
+        !refused
     }
 
-    /// Executes a line, between the end of its echo and a prompt.
-    fn execute_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        let Some(console) = self.mcode.consoles.find(link) else { return };
-        let (mut line, name) = (mem::take(&mut console.line), console.address_state.name());
-        let stores = console.programming.is_some();
-        // Hardware sends no CR LF before printed text while a program runs; table 7.1 makes no such
-        // difference (MDRIVE-39).
-        let is_half = self.bank.echo_mode() == echo::HALF;
-        let prints_alone = is_half && self.mcode.vm.is_running() && !stores && self.prints(&line);
-        if !prints_alone {
-            self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
-        }
-        let sums = self.bank.check_sums();
-        let spoiled = sums != 0 && !is_checked(name, &line);
-        if sums != 0 {
-            line.pop();
-        }
-        let outcome = if spoiled { Ok(Answer::RxError) } else { self.run_statement(at, link, &line, out) };
-        if prints_alone && outcome.is_err() {
-            self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
-        }
-        self.conclude(at, link, &line, sums, outcome, out);
-        let next = self.mcode.consoles.first_called();
-        self.mcode.consoles.call(link, next);
+    /// Line on a connection, and true if it is in program mode.
+    pub(super) fn line(&self, link: Link) -> (&[u8], bool) {
+        let console = self.list.iter().find(|console| console.link == link);
+        console.map_or((&[], false), |console| (&console.line, console.programming.is_some()))
     }
 
-    /// Returns true if a line prints something.
-    fn prints(&self, line: &[u8]) -> bool {
-        matches!(self.parse(line), Ok(Statement::Print(_) | Statement::ListProgram(_)))
-    }
-
-    /// Refuses a line that is too long (MC 5-57). The reply is sent before the line has ended.
-    fn refuse_line(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        let Some(console) = self.mcode.consoles.find(link) else { return };
+    /// Takes the line on a connection.
+    pub(super) fn take_line(&mut self, link: Link) -> Option<Typed> {
+        let console = self.find(link)?;
         let line = mem::take(&mut console.line);
-        console.refused = true;
-        self.mcode.consoles.end_echo(at, link, &line, &self.bank, out);
-        self.conclude(at, link, &line, self.bank.check_sums(), Err(Error::Unknown), out);
+        Some(Typed { line, name: console.address_state.name(), programming: console.programming })
     }
 
-    /// Handles Esc or Ctrl-E: motion stops without a ramp, and the program ends (MC 3.4.4).
-    fn abort(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
-        if self.mcode.consoles.drop_line(link) {
-            self.end_program();
-            self.motion.halt(at, out);
-            self.mcode.consoles.answer_abort(at, link, prompt(&self.bank, self.errors), &self.bank, out);
-        }
+    /// Begins the next line, after one that has been executed.
+    pub(super) fn next_line(&mut self, link: Link) {
+        self.begin_line(link, self.first_called());
     }
 
-    /// Ends a line: reports its error, and sends an acknowledgement and a prompt. `sums` is CK when the line
-    /// was executed.
-    fn conclude(
-        &mut self,
-        at: Instant,
-        link: Link,
-        line: &[u8],
-        sums: u16,
-        outcome: Result<Answer, Error>,
-        out: &mut dyn Context,
-    ) {
-        let function = line.first().copied().unwrap_or(b'\r');
-        out.put(
-            at,
-            Output::Log(match outcome {
-                Ok(Answer::RxError) => LogEvent::Dropped { port: MCODE, why: DropReason::Crc },
-                Ok(_) => LogEvent::Request { port: MCODE, unit: 0, function },
-                Err(error) => LogEvent::Refused { port: MCODE, function, code: error as u8 },
-            }),
-        );
-        if let Err(error) = outcome {
-            self.fail(at, error, out);
-        }
-        // "The response will be the sign on message" (MC 5-26).
-        let is_greeting = outcome == Ok(Answer::Greeting);
-        if sums != 0 && self.bank.echo_mode() != echo::NONE && !is_greeting {
-            let good = outcome == Ok(Answer::Prompt);
-            // "ACK is not echoed if a program is running" (MC 5-12).
-            let acknowledged: &[u8] = match good {
-                true if sums == 2 && self.mcode.vm.is_running() => &[],
-                true => &[ACK],
-                false => &[NAK],
-            };
-            self.mcode.consoles.answer(at, link, acknowledged, &self.bank, out);
-        }
-        if !is_greeting {
-            self.mcode.consoles.answer(at, link, prompt(&self.bank, self.errors), &self.bank, out);
+    fn begin_line(&mut self, link: Link, address_state: PartyAddress) {
+        if let Some(console) = self.find(link) {
+            console.address_state = address_state;
         }
     }
 
-    /// Executes the statement of a line.
-    ///
-    /// # Errors
-    /// The line is wrong, or the drive's state forbids it.
-    fn run_statement(
-        &mut self,
-        at: Instant,
-        link: Link,
-        line: &[u8],
-        out: &mut dyn Context,
-    ) -> Result<Answer, Error> {
-        let programming = self.mcode.consoles.find(link).and_then(|console| console.programming);
-        let statement = self.parse(line);
-        if statement.is_err() && programming.is_none() && begins_number(line) {
-            // "IF will be cleared to zero with a carriage return" (MC 5-36). This includes an invalid number.
-            self.mcode.vm.set_input_pending(false);
-        }
-        let statement = statement?;
-        if let Some(address) = programming {
-            match statement {
-                Statement::Empty => {}
-                Statement::Program(place) => self.enter_program_mode(link, place)?,
-                _ => {
-                    self.mcode.store_line(at, address, line, &statement, out)?;
-                    self.mcode.consoles.program_from(link, Some(address + 1));
-                    // These statements are usually typed, not stored in a program.
-                    let is_unusual = matches!(
-                        statement,
-                        Statement::Execute(..)
-                            | Statement::ListProgram(_)
-                            | Statement::Clear(_)
-                            | Statement::Defaults
-                    );
-                    report(Err(if is_unusual { Why::StoresLine } else { Why::Stored }), at, out);
-                }
-            }
-            return Ok(Answer::Prompt);
-        }
-        match statement {
-            Statement::Print(items) => {
-                self.print_on(at, self.mcode.consoles.recipients(link, &self.bank), items, out)?;
-            }
-            Statement::ListProgram(place) => {
-                self.list_program(at, self.mcode.consoles.recipients(link, &self.bank), place, out)?;
-            }
-            Statement::Program(place) => self.enter_program_mode(link, place)?,
-            Statement::Defaults => {
-                self.restore(at, out)?;
-                return Ok(Answer::Greeting);
-            }
-            _ => self.execute(at, &statement, false, out)?,
-        }
-        Ok(Answer::Prompt)
-    }
-
-    /// PG: begins program mode at a place, or continues there. Without a place program mode ends.
-    ///
-    /// # Errors
-    /// Error 30 or 42; 44 if the program is locked. Nothing has happened then.
-    fn enter_program_mode(&mut self, link: Link, place: Option<Place>) -> Result<(), Error> {
-        let address = match place {
-            Some(place) => {
-                self.bank.needs_unlocked()?;
-                Some(self.mcode.address(place)?)
-            }
-            None => None,
-        };
-        self.mcode.consoles.program_from(link, address);
-        Ok(())
-    }
-}
-
-impl Consoles {
     /// Opens a connection; a fifth one is closed (MDRIVE-8).
     pub(in crate::mdrive) fn opened(&mut self, at: Instant, link: Link, out: &mut dyn Context) {
         self.close(link);
@@ -356,13 +351,13 @@ impl Consoles {
             (_, ESCAPE | CTRL_E) => registers.word(Reg::ES) <= 1,
             (_, b'\n') => {
                 self.party = Party::Active;
-                self.call(link, PartyAddress::Next);
+                self.begin_line(link, PartyAddress::Next);
                 false
             }
             (PartyAddress::Next, name) if active => {
-                self.call(link, registers.addressee(name));
+                self.begin_line(link, registers.addressee(name));
                 // Table 7.2 shows no echo of the name, but hardware sends it (MDRIVE-40).
-                if registers.echo_mode() == echo::FULL {
+                if registers.echo() == Echo::Full {
                     self.answer(at, link, &[name], registers, out);
                 }
                 false
@@ -371,32 +366,40 @@ impl Consoles {
         }
     }
 
-    fn call(&mut self, link: Link, address_state: PartyAddress) {
-        if let Some(console) = self.find(link) {
-            console.address_state = address_state;
-        }
-    }
-
     /// Sends the end of a line's echo. With checksums an acknowledgement is sent instead of CR LF.
-    fn end_echo(&self, at: Instant, link: Link, line: &[u8], registers: &Registers, out: &mut dyn Context) {
-        let mode = registers.echo_mode();
-        if mode == echo::AFTERWARDS {
+    pub(super) fn end_echo(
+        &self,
+        at: Instant,
+        link: Link,
+        line: &[u8],
+        registers: &Registers,
+        out: &mut dyn Context,
+    ) {
+        let mode = registers.echo();
+        if mode == Echo::Afterwards {
             self.answer(at, link, line, registers, out);
         }
-        if mode != echo::NONE && registers.check_sums() == 0 {
+        if mode != Echo::None && registers.check_sums() == 0 {
             self.answer(at, link, CR_LF, registers, out);
         }
     }
 
     /// Sets the address from which typed lines are stored; `None` ends program mode.
-    fn program_from(&mut self, link: Link, address: Option<u16>) {
+    pub(super) fn program_from(&mut self, link: Link, address: Option<u16>) {
         if let Some(console) = self.find(link) {
             console.programming = address;
         }
     }
 
     /// Sends an answer on a connection, if this drive is to answer.
-    fn answer(&self, at: Instant, link: Link, bytes: &[u8], registers: &Registers, out: &mut dyn Context) {
+    pub(super) fn answer(
+        &self,
+        at: Instant,
+        link: Link,
+        bytes: &[u8],
+        registers: &Registers,
+        out: &mut dyn Context,
+    ) {
         for link in &self.recipients(link, registers) {
             send(at, *link, bytes, out);
         }
@@ -413,15 +416,8 @@ impl Consoles {
         links
     }
 
-    /// Drops what is being typed on a connection. Returns false if there is no such connection.
-    fn drop_line(&mut self, link: Link) -> bool {
-        let Some(console) = self.find(link) else { return false };
-        *console = Console { programming: console.programming, ..Console::new(link, console.address_state) };
-        true
-    }
-
     /// Answers Esc or Ctrl-E.
-    fn answer_abort(
+    pub(super) fn answer_abort(
         &self,
         at: Instant,
         link: Link,
@@ -435,9 +431,9 @@ impl Consoles {
         }
         // On hardware all drives of a party answer a key that is for all of them (MDRIVE-38).
         let is_addressed = registers.word(Reg::ES) & 2 != 0;
-        let answer: &[u8] = match registers.echo_mode() {
-            echo::FULL => b"#\r\n",
-            echo::NONE => b"",
+        let answer: &[u8] = match registers.echo() {
+            Echo::Full => b"#\r\n",
+            Echo::None => b"",
             _ => CR_LF,
         };
         for text in [answer, prompt] {
@@ -451,9 +447,13 @@ impl Consoles {
 }
 
 impl Registers {
-    /// Echo mode (EM): one of [`echo`].
-    fn echo_mode(&self) -> u16 {
-        self.word(Reg::EM)
+    pub(super) fn echo(&self) -> Echo {
+        match self.word(Reg::EM) {
+            0 => Echo::Full,
+            1 => Echo::Half,
+            2 => Echo::None,
+            _ => Echo::Afterwards,
+        }
     }
 
     /// Key that stops everything: ES (MC 5-23). Only in party mode can it be addressed.
@@ -464,21 +464,11 @@ impl Registers {
 
 /// Prompt, which exists in EM 0 only: a question mark while there is an error (MC 9; MDRIVE-10).
 pub(in crate::mdrive) fn prompt(registers: &Registers, errors: Errors) -> &'static [u8] {
-    match (registers.echo_mode(), errors.is_set()) {
-        (echo::FULL, false) => b">",
-        (echo::FULL, true) => b"?",
+    match (registers.echo(), errors.is_set()) {
+        (Echo::Full, false) => b">",
+        (Echo::Full, true) => b"?",
         _ => b"",
     }
-}
-
-/// Answer to a line that was executed.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Answer {
-    Prompt,
-    /// The checksum was wrong; the line had no effect.
-    RxError,
-    /// The sign-on and a prompt were the answer.
-    Greeting,
 }
 
 /// Notes that the drive loses what was typed, if anything, because it is starting (MDRIVE-7).

@@ -4,60 +4,14 @@ use core::mem;
 
 use heapless::Vec;
 
-use super::super::drive::Drive;
-use super::super::error::Error;
 use super::console::{MAX_CONNECTIONS, send};
-use super::print::{CR_LF, Text};
 use super::program::LINE_BYTES;
 use super::serial::check_sum;
-use super::statement::Place;
 use crate::device::{Context, Instant, Link};
-
-impl Drive {
-    /// Prints the items of PR on these connections.
-    ///
-    /// # Errors
-    /// The errors of [`print`](Self::print).
-    pub(super) fn print_on(
-        &mut self,
-        at: Instant,
-        links: Vec<Link, MAX_CONNECTIONS>,
-        items: &[u8],
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        let mut writer = MessageWriter::new(at, links, self.bank.check_sums() != 0, out);
-        self.print(at, items, &mut writer)?;
-        writer.end();
-        Ok(())
-    }
-
-    /// Lists the stored lines from a place on, on these connections (L, MC 5-40).
-    ///
-    /// # Errors
-    /// Error 30, 42 or 44.
-    pub(super) fn list_program(
-        &mut self,
-        at: Instant,
-        links: Vec<Link, MAX_CONNECTIONS>,
-        place: Option<Place>,
-        out: &mut dyn Context,
-    ) -> Result<(), Error> {
-        self.bank.needs_unlocked()?;
-        let mut address = place.map_or(Ok(1), |place| self.mcode.address(place))?;
-        while let Some(next) = self.mcode.program.next(address) {
-            let line = self.mcode.program.copy(out.memory(), next).unwrap_or_default();
-            let mut writer = MessageWriter::new(at, links.clone(), self.bank.check_sums() != 0, out);
-            writer.write(&line);
-            writer.write(CR_LF);
-            writer.end();
-            address = next + 1;
-        }
-        Ok(())
-    }
-}
+use crate::mdrive::reader::{CR_LF, Text};
 
 /// Collects output into messages, and sends them on connections.
-struct MessageWriter<'o> {
+pub(super) struct MessageWriter<'o> {
     at: Instant,
     links: Vec<Link, MAX_CONNECTIONS>,
     /// Has room for a line of the program with its checksum and CR LF.
@@ -69,7 +23,12 @@ struct MessageWriter<'o> {
 }
 
 impl<'o> MessageWriter<'o> {
-    fn new(at: Instant, links: Vec<Link, MAX_CONNECTIONS>, sums: bool, out: &'o mut dyn Context) -> Self {
+    pub(super) fn new(
+        at: Instant,
+        links: Vec<Link, MAX_CONNECTIONS>,
+        sums: bool,
+        out: &'o mut dyn Context,
+    ) -> Self {
         Self { at, links, text: Vec::new(), sums, sum: None, out }
     }
 
@@ -82,7 +41,7 @@ impl<'o> MessageWriter<'o> {
     }
 
     /// Ends the output. Text without an end of line gets its checksum now (MC 7.1.2).
-    fn end(mut self) {
+    pub(super) fn end(mut self) {
         self.put_sum();
         self.flush();
     }

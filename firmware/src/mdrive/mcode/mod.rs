@@ -2,32 +2,32 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `console` | a connection: echo, lines, keys, prompts |
+//! | `console` | connections: characters, keys, echo, answers |
+//! | `typed` | execution of typed lines |
 //! | `serial` | party mode and checksums, as in drives with a serial port |
 //! | `mnemonic` | names of the language |
 //! | `statement` | a line after parsing |
 //! | `parse` | the parser |
 //! | `program` | stored lines, by address |
 //! | `names` | labels and user variables |
-//! | `print` | PR: texts and values |
 //! | `message_writer` | printed text, collected to messages |
-//! | `execute` | effects of statements |
+//! | `execute` | effects of statements, typed or of the program |
 //! | `vm` | state of the program that runs |
-//! | `run` | effects of the program that runs: its lines, errors and calls |
+//! | `run` | start, pauses and end of the program; errors and calls |
 //! | `trip` | trips |
 
 pub(super) mod console;
-pub(super) mod execute;
+mod execute;
 mod message_writer;
 pub(super) mod mnemonic;
 pub(super) mod names;
 pub(super) mod parse;
-pub(super) mod print;
 pub(super) mod program;
 mod run;
 mod serial;
 pub(super) mod statement;
 pub(super) mod trip;
+mod typed;
 pub(super) mod vm;
 
 #[cfg(test)]
@@ -38,10 +38,14 @@ use self::names::Names;
 use self::program::Program;
 use self::trip::Trips;
 use self::vm::Vm;
+use super::drive::Drive;
+use super::error::Errors;
+use crate::device::{Context, Instant};
 
-/// State of MCode.
+/// State of MCode. EF and ER are a part of it, because an error calls OE's handler.
 #[derive(Clone, Debug)]
 pub(super) struct Mcode {
+    pub(super) errors: Errors,
     pub(super) consoles: Consoles,
     pub(super) program: Program,
     pub(super) names: Names,
@@ -54,11 +58,29 @@ impl Mcode {
     #[inline(always)]
     pub(super) fn new() -> Self {
         Self {
+            errors: Errors::NONE,
             consoles: Consoles::new(),
             program: Program::new(),
             names: Names::new(),
             vm: Vm::new(),
             trips: Trips::NONE,
         }
+    }
+
+    pub(super) fn deadline(&self) -> Instant {
+        self.consoles.deadline().min(self.vm.deadline()).min(self.trips.deadline())
+    }
+}
+
+/// The drive as MCode acts on it at an instant: by typed lines (`typed`) and by the lines of a program (`execute`).
+pub(super) struct Interpreter<'a> {
+    drive: &'a mut Drive,
+    at: Instant,
+    out: &'a mut dyn Context,
+}
+
+impl<'a> Interpreter<'a> {
+    pub(super) fn new(drive: &'a mut Drive, at: Instant, out: &'a mut dyn Context) -> Self {
+        Self { drive, at, out }
     }
 }

@@ -34,6 +34,14 @@ impl Names {
         self.list.iter().find(|(known, _)| *known == name).map(|(_, meaning)| *meaning)
     }
 
+    /// Value of a user variable, if there is one of this name.
+    pub(in crate::mdrive) fn value(&self, name: Name) -> Option<i32> {
+        match self.find(name)? {
+            Meaning::Global(value) | Meaning::Local(value) => Some(value),
+            Meaning::Label(_) => None,
+        }
+    }
+
     /// All names with their meanings.
     pub(in crate::mdrive) fn iter(&self) -> impl Iterator<Item = (Name, Meaning)> + '_ {
         self.list.iter().copied()

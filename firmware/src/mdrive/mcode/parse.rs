@@ -8,7 +8,6 @@ use heapless::Vec;
 
 pub(in crate::mdrive) use self::expression::Expression;
 use self::scanner::{Kind, Scanner};
-use super::super::drive::Drive;
 use super::super::error::Error;
 use super::super::registers::Reg;
 use super::super::variables::Registers;
@@ -67,16 +66,6 @@ pub(in crate::mdrive) fn name(word: &[u8]) -> Option<Name> {
     }
 }
 
-impl Drive {
-    /// Parses a line for this drive.
-    ///
-    /// # Errors
-    /// The errors of [`parse`].
-    pub(in crate::mdrive) fn parse<'a>(&self, line: &'a [u8]) -> Result<Statement<'a>, Error> {
-        parse(line, self.bank.variants(), &self.mcode.names)
-    }
-}
-
 impl Registers {
     /// Variants whose MCode words (commands and variables) this drive knows, one bit each. The bit `SERIAL` is also set
     /// if the drive has a serial port.
@@ -86,7 +75,7 @@ impl Registers {
 }
 
 /// Meaning of a word in the language, in upper or lower case.
-pub(super) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
+pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
     let mut capitals = Word::default();
     let target = capitals.get_mut(..word.len())?;
     target.copy_from_slice(word);

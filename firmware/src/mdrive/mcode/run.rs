@@ -1,71 +1,74 @@
-//! Execution of the program: start, pauses, interrupts and end, and its lines.
-
-use heapless::Vec;
+//! The program that runs: start, pauses, interrupts and end; errors.
 
 use super::Mcode;
 use super::vm::{Interrupt, Vm};
 use crate::device::{Context, Instant};
-use crate::mdrive::drive::Drive;
 use crate::mdrive::error::{Error, Errors};
 use crate::mdrive::mcode::names::Meaning;
-use crate::mdrive::mcode::program::LINE_BYTES;
-use crate::mdrive::mcode::statement::{Place, Statement, Trip};
+use crate::mdrive::mcode::statement::{Place, Trip};
 use crate::mdrive::mcode::trip::Trips;
+use crate::mdrive::motion::Motion;
 use crate::mdrive::reasons::Why;
 
-impl Drive {
+impl Mcode {
     /// EX: runs the program at a place, in mode 0, 1 (trace) or 2 (single step). A program that runs already
     /// ends.
     ///
     /// # Errors
     /// Error 21, 30 or 42; nothing has happened then.
-    pub(in crate::mdrive) fn start_program(
+    pub(in crate::mdrive) fn start(
         &mut self,
         at: Instant,
         place: Place,
         mode: u8,
+        motion: &mut Motion,
     ) -> Result<(), Error> {
-        let address = self.mcode.find_line(place)?;
-        let mode = self.mcode.vm.mode(mode)?;
-        self.end_program();
-        self.mcode.vm.start(at, address, mode);
+        let address = self.find_line(place)?;
+        let mode = self.vm.mode(mode)?;
+        self.end(motion);
+        self.vm.start(at, address, mode);
         // EF "is automatically cleared when a new program is executed", local variables are "erased and
         // declared again each time" (MC 5-21, 3.2.2).
         self.errors.clear();
-        self.mcode.names.retain(|_, meaning| !matches!(meaning, Meaning::Local(_)));
-        self.mcode.vm.forget_input_for(|name| self.mcode.names.find(name).is_none());
+        self.names.retain(|_, meaning| !matches!(meaning, Meaning::Local(_)));
+        self.vm.forget_input_for(|name| self.names.find(name).is_none());
         Ok(())
     }
 
     /// E: ends the program. Motion continues. But if the program is paused, the interrupted motion and the
     /// waiting task are dropped: RS has nothing to resume.
-    pub(in crate::mdrive) fn end_program(&mut self) {
-        if self.mcode.vm.is_paused() {
-            self.motion.clear_waiting();
+    pub(in crate::mdrive) fn end(&mut self, motion: &mut Motion) {
+        if self.vm.is_paused() {
+            motion.clear_waiting();
         }
-        self.mcode.vm.end();
+        self.vm.end();
     }
 
     /// E, as a command: ends the program.
     ///
     /// # Errors
     /// The reason why motion continues.
-    pub(in crate::mdrive) fn end_by_command(&mut self) -> Result<(), Why> {
-        self.end_program();
-        if self.motion.is_moving() { Err(Why::EndsProgram) } else { Ok(()) }
+    pub(in crate::mdrive) fn end_by_command(&mut self, motion: &mut Motion) -> Result<(), Why> {
+        self.end(motion);
+        if motion.is_moving() { Err(Why::EndsProgram) } else { Ok(()) }
     }
 
     /// PS: pauses the program, and stops motion with its ramp.
     ///
     /// # Errors
     /// There is nothing to pause.
-    pub(in crate::mdrive) fn pause_program(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Why> {
-        let vm = &mut self.mcode.vm;
-        if vm.is_paused() || !vm.is_running() && !self.motion.is_moving() {
+    pub(in crate::mdrive) fn pause(
+        &mut self,
+        at: Instant,
+        motion: &mut Motion,
+        out: &mut dyn Context,
+    ) -> Result<(), Why> {
+        let vm = &mut self.vm;
+        if vm.is_paused() || !vm.is_running() && !motion.is_moving() {
             return Err(Why::NothingRuns);
         }
         vm.pause(at);
-        self.motion.pause(at, out);
+        motion.pause(at, out);
         Ok(())
     }
 
@@ -73,117 +76,86 @@ impl Drive {
     ///
     /// # Errors
     /// Nothing is paused.
-    pub(in crate::mdrive) fn resume_program(
+    pub(in crate::mdrive) fn resume(
         &mut self,
         at: Instant,
+        motion: &mut Motion,
         out: &mut dyn Context,
     ) -> Result<(), Why> {
-        self.mcode.vm.resume(at)?;
-        self.motion.resume(at, out);
-        self.interrupt_program(at, out);
+        self.vm.resume(at)?;
+        motion.resume(at, out);
+        self.interrupt_program(at, motion);
         Ok(())
     }
 
     /// Handles an error: sets EF and ER, and with them the fault output, and calls OE's handler.
-    pub(in crate::mdrive) fn fail(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
+    pub(in crate::mdrive) fn fail(&mut self, at: Instant, error: Error, motion: &mut Motion) {
         self.errors.set(error);
-        self.call_error_handler(at, out);
+        self.call_error_handler(at, motion);
     }
 
     /// Ends all activity: clears errors, ends the program that runs, and removes all trips.
-    pub(in crate::mdrive) fn clear_activity(&mut self) {
+    pub(in crate::mdrive) fn clear(&mut self, motion: &mut Motion) {
         self.errors = Errors::NONE;
-        self.end_program();
-        self.mcode.vm = Vm::new();
-        self.mcode.trips = Trips::NONE;
+        self.end(motion);
+        self.vm = Vm::new();
+        self.trips = Trips::NONE;
     }
 
     /// Calls the handler of OE after an error, if there is one. Without a program the handler is called, too,
     /// but not while a program is being typed (MC 5-52).
-    fn call_error_handler(&mut self, at: Instant, out: &mut dyn Context) {
+    fn call_error_handler(&mut self, at: Instant, motion: &mut Motion) {
         if self.calls_error_handler() {
-            self.mcode.vm.request_handler();
-            self.interrupt_program(at, out);
+            self.vm.request_handler();
+            self.interrupt_program(at, motion);
         }
     }
 
     fn calls_error_handler(&self) -> bool {
-        self.mcode.vm.has_free_handler() && !self.mcode.consoles.is_programming()
+        self.vm.has_free_handler() && !self.consoles.is_programming()
     }
 
     /// Calls the subroutine of a trip.
-    pub(in crate::mdrive) fn call_trip(&mut self, at: Instant, trip: Trip, out: &mut dyn Context) {
-        self.mcode.vm.request_trip(trip);
-        self.interrupt_program(at, out);
-    }
-
-    /// Handles the deadline of the program: a line has been executed, or the time of H has passed.
-    pub(in crate::mdrive) fn program_timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.mcode.vm.timeout(at) {
-            self.carry_out_line(at, out);
-        }
-    }
-
-    fn carry_out_line(&mut self, at: Instant, out: &mut dyn Context) {
-        let mut line = Vec::<u8, LINE_BYTES>::new();
-        match self.mcode.program.line(out.memory(), self.mcode.vm.address()) {
-            // No stored line is longer than the buffer.
-            Some(text) => line.extend_from_slice(text).unwrap_or_default(),
-            // There are no more lines: a program without E ends here, as in MC 7.2.5.
-            None => return self.end_program(),
-        }
-        if self.mcode.vm.begin_line(at) {
-            self.mcode.consoles.send_to_all(at, &line, out);
-            self.mcode.consoles.send_to_all(at, b"\r\n", out);
-        }
-        let done = self.parse(&line).and_then(|statement| match statement {
-            Statement::Print(items) => self.print_on(at, self.mcode.consoles.links(), items, out),
-            Statement::ListProgram(place) => self.list_program(at, self.mcode.consoles.links(), place, out),
-            _ => self.execute(at, &statement, true, out),
-        });
-        if let Err(error) = done {
-            self.fail_program(at, error, out);
-        }
-        if self.mcode.vm.end_line(at) {
-            self.call_next_interrupt(at, out);
-        }
+    pub(in crate::mdrive) fn call_trip(&mut self, at: Instant, trip: Trip, motion: &mut Motion) {
+        self.vm.request_trip(trip);
+        self.interrupt_program(at, motion);
     }
 
     /// Calls a pending subroutine at once, unless a line is being executed or the program is paused.
-    fn interrupt_program(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.mcode.vm.takes_interrupt() {
-            self.call_next_interrupt(at, out);
+    fn interrupt_program(&mut self, at: Instant, motion: &mut Motion) {
+        if self.vm.takes_interrupt() {
+            self.call_next_interrupt(at, motion);
         }
     }
 
     /// Calls one of the pending subroutines: OE's handler first, then trips in the order of TE.
-    fn call_next_interrupt(&mut self, at: Instant, out: &mut dyn Context) {
-        let Mcode { vm, trips, .. } = &mut self.mcode;
+    pub(super) fn call_next_interrupt(&mut self, at: Instant, motion: &mut Motion) {
+        let Self { vm, trips, .. } = self;
         let Some(Interrupt { place, handles }) = vm.next_interrupt(trips) else { return };
-        let found = self.mcode.find_line(place);
+        let found = self.find_line(place);
         if handles && found.is_err() {
             // The handler does not exist any more. If it stayed set, the error of this call would call it.
-            self.mcode.vm.set_handler(None);
+            self.vm.set_handler(None);
         }
-        let address_state = found.and_then(|address| self.mcode.vm.call(at, address, handles));
-        if let Err(error) = address_state {
-            self.fail_program(at, error, out);
+        let called = found.and_then(|address| self.vm.call(at, address, handles));
+        if let Err(error) = called {
+            self.fail_program(at, error, motion);
         }
     }
 
     /// Handles an error of a line or a call of the program. Some errors end the program. They do not if OE's
     /// handler is called: "program execution continues with the instruction after the one that caused the
     /// error" (MC 5-52).
-    fn fail_program(&mut self, at: Instant, error: Error, out: &mut dyn Context) {
-        let handles = self.mcode.vm.handles();
+    pub(super) fn fail_program(&mut self, at: Instant, error: Error, motion: &mut Motion) {
+        let handles = self.vm.handles();
         if error.ends_program() && !self.calls_error_handler() {
-            self.end_program();
+            self.end(motion);
         }
         // Errors of the handler do not call the handler, even if they have ended it.
         if handles {
             self.errors.set(error);
         } else {
-            self.fail(at, error, out);
+            self.fail(at, error, motion);
         }
     }
 }

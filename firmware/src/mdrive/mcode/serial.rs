@@ -56,7 +56,7 @@ impl Registers {
     }
 
     /// CK; 0 means no checksums.
-    pub(super) fn check_sums(&self) -> u16 {
+    pub(in crate::mdrive) fn check_sums(&self) -> u16 {
         if self.is_serial() { self.word(Reg::CK) } else { 0 }
     }
 

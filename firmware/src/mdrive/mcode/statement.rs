@@ -51,7 +51,7 @@ pub(in crate::mdrive) enum Relation {
 }
 
 impl Relation {
-    pub(super) fn holds(self, left: i64, right: i64) -> bool {
+    pub(in crate::mdrive) fn holds(self, left: i64, right: i64) -> bool {
         match self {
             Self::Equal => left == right,
             Self::Unequal => left != right,
@@ -77,7 +77,7 @@ pub(in crate::mdrive) enum Step {
 }
 
 impl Step {
-    pub(super) fn operand(self) -> Operand {
+    pub(in crate::mdrive) fn operand(self) -> Operand {
         match self {
             Self::Calculate { operand, .. } | Self::Compare(_, operand) => operand,
         }

@@ -6,7 +6,7 @@ use heapless::Vec;
 
 use super::super::error::Error;
 use super::super::io;
-use super::super::motion::Motion;
+use super::super::motion::Shaft;
 use super::super::reasons::Why;
 use super::super::registers::Reg;
 use super::super::variables::Registers;
@@ -152,7 +152,7 @@ impl Trips {
         at: Instant,
         trip: Trip,
         definition: Option<Definition>,
-        motion: &Motion,
+        shaft: &Shaft,
     ) {
         let is_on = self.value(trip).is_some();
         if let Some(place) = self.definitions.get_mut(trip as usize) {
@@ -160,7 +160,7 @@ impl Trips {
         }
         match definition {
             None => self.switch_off(trip),
-            Some(_) if is_on => self.arm(at, trip, motion),
+            Some(_) if is_on => self.arm(at, trip, shaft),
             Some(_) => {}
         }
     }
@@ -178,7 +178,7 @@ impl Trips {
         at: Instant,
         mask: u8,
         registers: &Registers,
-        motion: &Motion,
+        shaft: &Shaft,
     ) -> Result<Result<(), Why>, Error> {
         self.validate(mask.into(), registers)?;
         if mask == 0 {
@@ -187,7 +187,7 @@ impl Trips {
         let before = self.enabled;
         self.enabled |= mask;
         for trip in ALL.into_iter().filter(|trip| mask & !before & trip.bit() != 0) {
-            self.arm(at, trip, motion);
+            self.arm(at, trip, shaft);
         }
         Ok(if mask == self.enabled { Ok(()) } else { Err(Why::AddsTrips) })
     }
@@ -210,12 +210,12 @@ impl Trips {
     }
 
     /// Handles an event of the I/O that may cause a trip.
-    pub(in crate::mdrive) fn on_io_event(&mut self, at: Instant, event: io::Event, motion: &Motion) -> Made {
+    pub(in crate::mdrive) fn on_io_event(&mut self, at: Instant, event: io::Event, shaft: &Shaft) -> Made {
         match event {
             io::Event::Active(n) if self.value(Trip::Input) == Some(n.into()) => {
-                self.trip(at, Trip::Input, motion)
+                self.trip(at, Trip::Input, shaft)
             }
-            io::Event::Capture if self.value(Trip::Capture).is_some() => self.trip(at, Trip::Capture, motion),
+            io::Event::Capture if self.value(Trip::Capture).is_some() => self.trip(at, Trip::Capture, shaft),
             _ => Made::NONE,
         }
     }
@@ -227,24 +227,24 @@ impl Trips {
 
     /// Trips TA if one of these conditions is selected. They have just become true and are given as bits of
     /// TA.
-    pub(in crate::mdrive) fn on_status(&mut self, at: Instant, flags: u8, motion: &Motion) -> Made {
-        if self.is_on_status(flags) { self.trip(at, Trip::Hybrid, motion) } else { Made::NONE }
+    pub(in crate::mdrive) fn on_status(&mut self, at: Instant, flags: u8, shaft: &Shaft) -> Made {
+        if self.is_on_status(flags) { self.trip(at, Trip::Hybrid, shaft) } else { Made::NONE }
     }
 
     /// Trips TP if steps of the clock inputs have reached or passed its position, beginning at `from`. No
     /// plan contains these steps, so the time of TP was not predicted.
-    pub(in crate::mdrive) fn on_steps(&mut self, at: Instant, from: i32, motion: &Motion) -> Made {
+    pub(in crate::mdrive) fn on_steps(&mut self, at: Instant, from: i32, shaft: &Shaft) -> Made {
         let Some(position) = self.value(Trip::Position) else { return Made::NONE };
-        let (way, made) = (position.wrapping_sub(from), motion.steps(at).wrapping_sub(from));
+        let (way, made) = (position.wrapping_sub(from), shaft.steps(at).wrapping_sub(from));
         if way != 0 && way.signum() == made.signum() && way.unsigned_abs() <= made.unsigned_abs() {
-            self.trip(at, Trip::Position, motion)
+            self.trip(at, Trip::Position, shaft)
         } else {
             Made::NONE
         }
     }
 
     /// Handles a change of the plan, or a trip that is due.
-    pub(in crate::mdrive) fn check(&mut self, at: Instant, motion: &Motion) -> Made {
+    pub(in crate::mdrive) fn check(&mut self, at: Instant, shaft: &Shaft) -> Made {
         let dues = [
             (Trip::Position, self.position_due),
             (Trip::Time, self.time_due),
@@ -253,96 +253,96 @@ impl Trips {
         let mut made = Made::NONE;
         for (trip, _) in dues.into_iter().filter(|&(_, due)| due <= at) {
             // The shaft may have changed its motion since the prediction.
-            if trip != Trip::Relative || self.is_at_relative(at, motion) {
-                made.0 |= self.trip(at, trip, motion).0;
+            if trip != Trip::Relative || self.is_at_relative(at, shaft) {
+                made.0 |= self.trip(at, trip, shaft).0;
             }
         }
-        self.predict_position(at, motion);
-        self.predict_relative(at, motion);
+        self.predict_position(at, shaft);
+        self.predict_relative(at, shaft);
         made
     }
 
     /// Returns true if TR depends on the encoder's count. Then everything that turns the shaft changes the
     /// time of TR.
-    pub(in crate::mdrive) fn is_on_counts(&self, motion: &Motion) -> bool {
-        self.value(Trip::Relative).is_some() && motion.is_closed()
+    pub(in crate::mdrive) fn is_on_counts(&self, shaft: &Shaft) -> bool {
+        self.value(Trip::Relative).is_some() && shaft.is_closed()
     }
 
     /// Arms a trip that has been enabled.
-    fn arm(&mut self, at: Instant, trip: Trip, motion: &Motion) {
+    fn arm(&mut self, at: Instant, trip: Trip, shaft: &Shaft) {
         let Some(Definition { value, repeats, .. }) = self.definition(trip) else { return };
         match trip {
-            Trip::Position => self.predict_position(at, motion),
+            Trip::Position => self.predict_position(at, shaft),
             Trip::Time => {
                 let ms = u64::try_from(value).unwrap_or(0);
                 self.time_due = at + Duration::millis(ms);
             }
             Trip::Relative => {
-                let position = motion.displayed_position(at);
+                let position = shaft.displayed_position(at);
                 (self.relative_position, self.repeats_left) = (position, repeats);
                 self.relative_not_before = at;
-                self.aim_relative(at, motion);
+                self.aim_relative(at, shaft);
             }
             Trip::Input | Trip::Capture | Trip::Hybrid => {}
         }
     }
 
     /// Predicts the time of TP. TP uses motor steps even with EE = 1 (MC 5-74).
-    fn predict_position(&mut self, at: Instant, motion: &Motion) {
+    fn predict_position(&mut self, at: Instant, shaft: &Shaft) {
         if let Some(position) = self.value(Trip::Position) {
-            self.position_due = motion.reaches_steps(at, position);
+            self.position_due = shaft.reaches_steps(at, position);
         }
     }
 
     /// Sets the next position of TR.
-    fn aim_relative(&mut self, at: Instant, motion: &Motion) {
+    fn aim_relative(&mut self, at: Instant, shaft: &Shaft) {
         if let Some(distance) = self.value(Trip::Relative) {
             self.relative_position = self.relative_position.wrapping_add(distance);
-            self.predict_relative(at, motion);
+            self.predict_relative(at, shaft);
         }
     }
 
     /// Makes a TR without a limit of repetitions skip positions that P has already passed. Trips faster than
     /// [`FASTEST`], or skipped by a write of P, are lost.
-    fn skip_missed(&mut self, at: Instant, motion: &Motion) {
-        let (position, distance) = (motion.displayed_position(at), self.value(Trip::Relative).unwrap_or(0));
-        if self.is_at_relative(at, motion) {
+    fn skip_missed(&mut self, at: Instant, shaft: &Shaft) {
+        let (position, distance) = (shaft.displayed_position(at), self.value(Trip::Relative).unwrap_or(0));
+        if self.is_at_relative(at, shaft) {
             let behind = position.wrapping_sub(self.relative_position);
             let missed = behind.checked_div(distance).unwrap_or(0).wrapping_add(1);
             self.relative_position = self.relative_position.wrapping_add(distance.wrapping_mul(missed));
-            self.predict_relative(at, motion);
+            self.predict_relative(at, shaft);
         }
     }
 
     /// Predicts the time of TR, which uses the unit of P (MC 5-75). It is not before [`FASTEST`] has passed;
     /// if P has passed the position by then, TR trips at that time.
-    fn predict_relative(&mut self, at: Instant, motion: &Motion) {
+    fn predict_relative(&mut self, at: Instant, shaft: &Shaft) {
         if self.value(Trip::Relative).is_some() {
-            let is_there = self.is_at_relative(at, motion);
-            let due = if is_there { at } else { motion.reaches(at, self.relative_position) };
+            let is_there = self.is_at_relative(at, shaft);
+            let due = if is_there { at } else { shaft.reaches(at, self.relative_position) };
             self.relative_due = due.max(self.relative_not_before);
         }
     }
 
     /// Returns true if P has reached or passed the position of TR.
-    fn is_at_relative(&self, at: Instant, motion: &Motion) -> bool {
-        let ahead = self.relative_position.wrapping_sub(motion.displayed_position(at));
+    fn is_at_relative(&self, at: Instant, shaft: &Shaft) -> bool {
+        let ahead = self.relative_position.wrapping_sub(shaft.displayed_position(at));
         let distance = self.value(Trip::Relative).unwrap_or(0);
         ahead == 0 || (ahead < 0) == (distance > 0)
     }
 
     /// Makes a trip and captures P.
-    fn trip(&mut self, at: Instant, trip: Trip, motion: &Motion) -> Made {
+    fn trip(&mut self, at: Instant, trip: Trip, shaft: &Shaft) -> Made {
         if trip != Trip::Position {
-            self.captured = motion.displayed_position(at);
+            self.captured = shaft.displayed_position(at);
         }
         let repeats_for_ever = self.repeats_left == 0;
         if trip == Trip::Relative && self.repeats_left != 1 {
             self.repeats_left = self.repeats_left.saturating_sub(1);
             self.relative_not_before = at + FASTEST;
-            self.aim_relative(at, motion);
+            self.aim_relative(at, shaft);
             if repeats_for_ever {
-                self.skip_missed(at, motion);
+                self.skip_missed(at, shaft);
             }
         } else {
             self.switch_off(trip);

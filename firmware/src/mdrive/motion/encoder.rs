@@ -1,7 +1,8 @@
 //! The encoder: the one on the drive's own shaft, or a remote one (MC 5-22).
 
-use super::motor::Motor;
 use crate::device::{Duration, Instant};
+use crate::motor::Plant;
+use crate::motor::stepper::StepperMotor;
 
 /// Encoder with its count, which differs from C2 by C2's presets.
 ///
@@ -38,16 +39,16 @@ impl Encoder {
         matches!(self.channels, [Some(_), ..] | [_, Some(_), _])
     }
 
-    pub(super) fn count(&self, at: Instant, motor: &Motor) -> i32 {
-        let count = if self.is_remote() { self.remote } else { self.built_in(motor.angle(at)) as i32 };
+    pub(super) fn count(&self, at: Instant, motor: &StepperMotor) -> i32 {
+        let count = if self.is_remote() { self.remote } else { self.built_in(motor.angle_at(at)) as i32 };
         count.wrapping_add(self.origin)
     }
 
     /// Returns true if the encoder is on its index.
-    pub(super) fn is_on_index(&self, at: Instant, motor: &Motor) -> bool {
+    pub(super) fn is_on_index(&self, at: Instant, motor: &StepperMotor) -> bool {
         match self.channels {
             [.., index] if self.is_remote() => index == Some(true),
-            _ => self.turned(self.built_in(motor.angle(at))) == 0,
+            _ => self.turned(self.built_in(motor.angle_at(at))) == 0,
         }
     }
 
@@ -61,9 +62,9 @@ impl Encoder {
         count.checked_rem_euclid(self.counts_per_rev.into()).unwrap_or(0)
     }
 
-    /// Next time at which the built-in encoder reaches or leaves its index; never if the motion of the shaft
-    /// changes first.
-    pub(super) fn index_changes(&self, at: Instant, motor: &Motor) -> Instant {
+    /// Next time at which the built-in encoder reaches or leaves its index; never if that is not before `until`, when
+    /// the motion of the shaft changes.
+    pub(super) fn index_changes(&self, at: Instant, motor: &StepperMotor, until: Instant) -> Instant {
         let kinematics = motor.kinematics();
         let way = if kinematics.half_speed == 0 {
             kinematics.half_acceleration.signum()
@@ -73,24 +74,23 @@ impl Encoder {
         if way == 0 || self.is_remote() {
             return Instant::NEVER;
         }
-        let now = self.built_in(motor.angle(at));
+        let now = self.built_in(motor.angle_at(at));
         let change = match (self.turned(now), way) {
             (0, way) => now + way,
             (turned, 1) => now - turned + i64::from(self.counts_per_rev),
             (turned, _) => now - turned,
         };
-        self.passes(at, motor, change)
+        self.passes(at, motor, until, change)
     }
 
-    /// First tick after `at` at which the shaft has reached or passed `count`; never if the motion of the shaft
-    /// changes first.
-    fn passes(&self, at: Instant, motor: &Motor, count: i64) -> Instant {
-        let now = self.built_in(motor.angle(at));
+    /// First tick after `at` at which the shaft has reached or passed `count`; never if that is not before `until`.
+    fn passes(&self, at: Instant, motor: &StepperMotor, until: Instant, count: i64) -> Instant {
+        let now = self.built_in(motor.angle_at(at));
         let is_there = |tick: u64| {
-            let here = self.built_in(motor.angle(at + Duration::from_ticks(tick)));
+            let here = self.built_in(motor.angle_at(at + Duration::from_ticks(tick)));
             if count > now { here >= count } else { here <= count }
         };
-        let (mut first, mut last) = (1, motor.deadline().since(at).ticks());
+        let (mut first, mut last) = (1, until.since(at).ticks());
         if count == now || !is_there(last) {
             return Instant::NEVER;
         }
@@ -101,19 +101,25 @@ impl Encoder {
         at + Duration::from_ticks(first)
     }
 
-    /// Next time at which [`Self::count`] gives `count`, if the built-in encoder counts; never if the motion of
-    /// the shaft changes first, or if a remote encoder counts.
-    pub(super) fn reaches(&self, at: Instant, motor: &Motor, count: i32) -> Instant {
+    /// Next time at which [`Self::count`] gives `count`, if the built-in encoder counts; never if that is not before
+    /// `until`, when the motion of the shaft changes, or if a remote encoder counts.
+    pub(super) fn reaches(&self, at: Instant, motor: &StepperMotor, until: Instant, count: i32) -> Instant {
         let kinematics = motor.kinematics();
         if self.is_remote() || kinematics.half_speed == 0 && kinematics.half_acceleration == 0 {
             return Instant::NEVER;
         }
         let way = count.wrapping_sub(self.count(at, motor));
-        self.passes(at, motor, self.built_in(motor.angle(at)) + i64::from(way))
+        self.passes(at, motor, until, self.built_in(motor.angle_at(at)) + i64::from(way))
     }
 
     /// Sets the level of a channel of a remote encoder; `None` if nothing drives the pin any more.
-    pub(super) fn channel(&mut self, at: Instant, motor: &Motor, channel: Channel, level: Option<bool>) {
+    pub(super) fn channel(
+        &mut self,
+        at: Instant,
+        motor: &StepperMotor,
+        channel: Channel,
+        level: Option<bool>,
+    ) {
         let phase = self.phase();
         let mut channels = self.channels;
         if let Some(place) = channels.get_mut(channel as usize) {
@@ -131,7 +137,7 @@ impl Encoder {
     }
 
     /// Adds edges of a remote encoder that a board has counted. Its channels A and B have these levels now.
-    pub(super) fn take_edges(&mut self, at: Instant, motor: &Motor, edges: i32, [a, b]: [bool; 2]) {
+    pub(super) fn take_edges(&mut self, at: Instant, motor: &StepperMotor, edges: i32, [a, b]: [bool; 2]) {
         let [.., index] = self.channels;
         self.connect(at, motor, [Some(a), Some(b), index]);
         self.remote = self.remote.wrapping_add(edges);
@@ -139,7 +145,7 @@ impl Encoder {
 
     /// Sets the levels of the channels. If the other encoder counts from now on, it continues from the
     /// present count.
-    fn connect(&mut self, at: Instant, motor: &Motor, channels: [Option<bool>; 3]) {
+    fn connect(&mut self, at: Instant, motor: &StepperMotor, channels: [Option<bool>; 3]) {
         let count = self.count(at, motor);
         self.channels = channels;
         self.origin = self.origin.wrapping_add(count.wrapping_sub(self.count(at, motor)));

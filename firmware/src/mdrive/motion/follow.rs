@@ -6,18 +6,27 @@
 
 use fixed::types::I24F8;
 
-use super::orders::Activity;
-use super::{Motion, Settings};
-use crate::device::{Context, Duration, Instant, Plan};
+use super::shaft::Shaft;
+use crate::device::{Duration, Instant};
 use drivetwin_protocol::time::TICKS_PER_SECOND;
 
 /// Interval at which the speed is computed.
-const CHECK_PERIOD: Duration = Duration::millis(1);
+pub(super) const CHECK_PERIOD: Duration = Duration::millis(1);
 /// A clock without an edge for this time counts as stopped.
 const QUIET: Duration = Duration::millis(10);
 
-/// Value of CR at which the motor follows without ramps.
-const AT_ONCE: u16 = 1_000;
+/// Reaction to the clock, once per interval.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Pursuit {
+    /// The plan is as it should be.
+    Continues,
+    /// Ramp to the speed of the clock.
+    Slew(I24F8),
+    /// Move by the remaining distance.
+    Move(i32),
+    /// The clock has stopped, and all steps are made.
+    Ends,
+}
 
 /// State of following a clock.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -36,16 +45,38 @@ impl Follow {
     pub(super) const NEW: Self =
         Self { target: 0, steps: 0, last: Instant::ZERO, before: Instant::ZERO, speed: I24F8::ZERO };
 
+    /// Begins at a position.
+    pub(super) fn begin(at: Instant, position: i32) -> Self {
+        Self { target: position, before: at, ..Self::NEW }
+    }
+
     /// Speed of the clock, in steps/s.
     pub(super) fn speed(&self) -> I24F8 {
         self.speed
     }
 
     /// Adds requested steps.
-    fn take(&mut self, at: Instant, steps: i32) {
+    pub(super) fn take(&mut self, at: Instant, steps: i32) {
         self.target = self.target.wrapping_add(steps);
         self.steps = self.steps.saturating_add(steps);
         self.last = at;
+    }
+
+    /// Computes the speed of the clock. Returns the reaction of a motor that follows with ramps, or at once.
+    pub(super) fn pursue(&mut self, at: Instant, shaft: &Shaft, ramps: bool) -> Pursuit {
+        let before = self.speed;
+        self.update_speed(at);
+        let stands = shaft.plan().end() <= at;
+        let left = self.target.wrapping_sub(shaft.position(at));
+        if ramps && (self.speed != before || stands && self.speed != 0) {
+            Pursuit::Slew(self.speed)
+        } else if !stands || at.since(self.last) < QUIET {
+            Pursuit::Continues
+        } else if left != 0 {
+            Pursuit::Move(left)
+        } else {
+            Pursuit::Ends
+        }
     }
 
     /// Computes the speed from the steps since the last computation.
@@ -59,61 +90,6 @@ impl Follow {
             (self.steps, self.before) = (0, self.last);
         } else if at.since(self.last) >= QUIET {
             self.speed = I24F8::ZERO;
-        }
-    }
-}
-
-impl Settings {
-    /// Returns true if the motor follows the clock without ramps.
-    pub(super) fn follows_at_once(&self) -> bool {
-        self.ratio == AT_ONCE
-    }
-}
-
-impl Motion {
-    /// Makes steps that the clock inputs request. They are ignored during any other motion.
-    pub(in crate::mdrive) fn follow(&mut self, at: Instant, steps: i32, out: &mut dyn Context) {
-        let begins = self.activity == Activity::Rest;
-        if !self.settings.follows_clock || !begins && self.activity != Activity::Follows {
-            return;
-        }
-        if begins {
-            self.watch_from(at);
-            self.follow = Follow { target: self.motor.position(at), before: at, ..Follow::NEW };
-            self.enter(Activity::Follows, at + CHECK_PERIOD);
-        }
-        self.follow.take(at, steps);
-        if self.settings.follows_at_once() {
-            self.motor.step(at, steps, out);
-            self.changed = true;
-        }
-        self.refresh(at, out);
-    }
-
-    /// Computes the speed of the clock and adapts the plan, once per interval.
-    pub(super) fn follow_on(&mut self, at: Instant, out: &mut dyn Context) {
-        self.due = at + CHECK_PERIOD;
-        let before = self.follow.speed;
-        self.follow.update_speed(at);
-        let Follow { speed, target, last, .. } = self.follow;
-        let (plan, rates) = (self.motor.plan(), self.settings.rates());
-        let (here, stands) = (self.motor.position(at), plan.end() <= at);
-        let (left, is_quiet) = (target.wrapping_sub(here), at.since(last) >= QUIET);
-        let ramps = !self.settings.follows_at_once();
-        if ramps && (speed != before || stands && speed != 0) {
-            let plan = plan.slew(at, speed, rates);
-            self.start_plan(at, plan, out);
-        } else if is_quiet && stands && left != 0 {
-            self.start_plan(at, Plan::profile(at, here, left, rates), out);
-        } else if is_quiet && stands {
-            self.start_settling(at, None, out);
-        }
-    }
-
-    /// Ends following the clock. CM has changed, or CR between with ramps and without ramps (MDRIVE-33).
-    pub(super) fn end_following(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.activity == Activity::Follows {
-            self.ramp_down(at, false, out);
         }
     }
 }

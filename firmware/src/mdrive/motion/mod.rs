@@ -5,92 +5,224 @@
 //!
 //! | file | content |
 //! |---|---|
-//! | `motor` | the plan that turns the motor, its shaft, its current |
+//! | `inputs` | inputs of the motion, and what the drive reads of it |
+//! | `orders` | how one activity follows another |
+//! | `scale` | steps and counts |
+//! | `shaft` | the shaft: the motor's plan and current, encoder, C1 and C2, the rotor's lag |
 //! | `response` | SS: the maximum speed of a Hybrid's rotor |
 //! | `encoder` | the encoder on the shaft, or a remote one |
-//! | `scale` | steps and counts |
-//! | `orders` | moves and slews, and how one follows another |
-//! | `pause` | PS and RS |
-//! | `jog` | motion by jog contacts |
-//! | `limits` | contacts, and stops at limits |
+//! | `queue` | the waiting task; PS and RS |
+//! | `contacts` | home switch, limits and jog contacts |
 //! | `home` | homing to a switch or to the index |
-//! | `closed` | EE = 1: stalls, corrections, position maintenance |
 //! | `follow` | clock inputs |
-//! | `readback` | values of variables |
-//! | `circuit` | motion by a Hybrid's circuitry |
+//! | `closed` | EE = 1: stalls, positions that are off |
+//! | `current` | RC and HC |
+//! | `events` | events for the rest of the drive |
+//!
+//! The parts own their state, do not know [`Motion`], and return what follows. `inputs` takes the inputs, each of
+//! which ends with `refresh`; `orders` acts on them and on what the parts return. This file has the values that they
+//! share.
 
-mod circuit;
 mod closed;
+mod contacts;
+mod current;
 mod encoder;
+mod events;
 mod follow;
 mod home;
-mod jog;
-mod limits;
-mod motor;
+mod inputs;
 mod orders;
-mod pause;
-mod readback;
+mod queue;
 mod response;
 mod scale;
+mod shaft;
 #[cfg(test)]
 mod tests;
 
-use heapless::Deque;
+use fixed::types::I24F8;
 
 use self::closed::Closed;
+pub(super) use self::contacts::Contact;
+use self::contacts::Contacts;
+use self::current::Current;
 pub(super) use self::encoder::Channel;
-use self::encoder::Encoder;
+pub(super) use self::events::Event;
+use self::events::Events;
 use self::follow::Follow;
-use self::motor::Motor;
-use self::orders::{Activity, Task};
+use self::home::Homing;
+use self::queue::{Queue, Task};
+use self::scale::Scale;
+pub(super) use self::shaft::Shaft;
 use super::error::Error;
+use super::hybrid::frequency;
+use super::io::Io;
 use super::reasons::Why;
-use crate::device::{Context, Duration, Instant};
+use super::registers::Reg;
+use super::variables::Registers;
+use crate::device::Instant;
+use crate::motion::Limits;
 use crate::motor::stepper::StepperParameters;
+
+/// Value of CR at which the motor follows a clock without ramps.
+const AT_ONCE: u16 = 1_000;
 
 /// Settings of the motion: present values of variables.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Settings {
     /// Initial speed VI and maximum speed VM, in steps/s or counts/s.
-    pub(super) start: u32,
-    pub(super) speed: u32,
+    start: u32,
+    speed: u32,
     /// Acceleration A and deceleration D.
-    pub(super) up: u32,
-    pub(super) down: u32,
+    up: u32,
+    down: u32,
     /// MS: microsteps in a full step.
-    pub(super) microsteps: u16,
+    microsteps: u16,
     /// Settling time MT and delay HT to the holding current, in ms.
-    pub(super) settle_ms: u16,
-    pub(super) hold_delay_ms: u16,
+    settle_ms: u16,
+    hold_delay_ms: u16,
     /// Run current RC and holding current HC, in %.
-    pub(super) run_percent: u8,
-    pub(super) hold_percent: u8,
+    run_percent: u8,
+    hold_percent: u8,
     /// DE: true if the output bridge is on.
-    pub(super) enabled: bool,
+    enabled: bool,
     /// Maximum speed of the rotor, in steps/s: SS of a Hybrid with AS 1 and 2.
-    pub(super) response: u32,
+    response: u32,
     /// True if the circuitry keeps the field next to a rotor that does not follow: AS of a Hybrid is not 0.
-    pub(super) keeps_field: bool,
+    keeps_field: bool,
     /// LM: reaction to a limit, 1 to 6.
-    pub(super) limit_mode: u8,
+    limit_mode: u8,
     /// Debounce time of the home switch, one of D1 to D4, in ms.
-    pub(super) home_debounce_ms: u8,
+    home_debounce_ms: u8,
     /// JE: true if jog contacts turn the motor.
-    pub(super) jogs: bool,
+    jogs: bool,
     /// CM with clock inputs: limits and jog have no effect.
-    pub(super) follows_clock: bool,
+    follows_clock: bool,
     /// Clock ratio CR, in thousandths.
-    pub(super) ratio: u16,
+    ratio: u16,
     /// EE: true if the user's units are counts. EL: lines of the encoder.
-    pub(super) closed: bool,
-    pub(super) lines: u16,
+    closed: bool,
+    lines: u16,
     /// Deadband DB and stall factor SF, in counts; SM: continue after a stall; PM: position maintenance.
-    pub(super) deadband: u16,
-    pub(super) stall_factor: u16,
-    pub(super) goes_on_stalled: bool,
-    pub(super) maintains: bool,
+    deadband: u16,
+    stall_factor: u16,
+    goes_on_stalled: bool,
+    maintains: bool,
     /// The motor and its load.
-    pub(super) machine: StepperParameters,
+    machine: StepperParameters,
+}
+
+impl Settings {
+    /// Settings of the motion. Without `io` the motion follows no clock and has no home switch.
+    pub(super) fn of(bank: &Registers, io: Option<&Io>) -> Self {
+        let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
+        let byte = |reg| (bank.word(reg) & 0xFF) as u8;
+        let flag = |reg| bank.word(reg) != 0;
+        Self {
+            start: long(Reg::VI),
+            speed: long(Reg::VM),
+            up: long(Reg::A),
+            down: long(Reg::D),
+            microsteps: bank.word(Reg::MS),
+            settle_ms: bank.word(Reg::MT),
+            hold_delay_ms: bank.word(Reg::HT),
+            run_percent: byte(Reg::RC),
+            hold_percent: byte(Reg::HC),
+            enabled: flag(Reg::DE),
+            response: response(bank),
+            keeps_field: bank.word(Reg::AS) != 0,
+            limit_mode: byte(Reg::LM),
+            jogs: flag(Reg::JE),
+            home_debounce_ms: io.map_or(0, Io::home_debounce_ms),
+            follows_clock: io.is_some_and(Io::follows_clock),
+            ratio: bank.word(Reg::CR),
+            closed: flag(Reg::EE),
+            lines: bank.word(Reg::EL),
+            deadband: bank.word(Reg::DB),
+            stall_factor: bank.word(Reg::SF),
+            goes_on_stalled: flag(Reg::SM),
+            maintains: flag(Reg::PM),
+            machine: machine(bank),
+        }
+    }
+
+    /// The settings with the bridge off if `is_disabled`, whatever the value of DE.
+    pub(super) fn switched_off(self, is_disabled: bool) -> Self {
+        Self { enabled: self.enabled && !is_disabled, ..self }
+    }
+
+    /// Scale of the user's units.
+    fn scale(&self) -> Scale {
+        if self.closed { self.closed_scale() } else { Scale::STEPS }
+    }
+
+    /// Scale with EE = 1.
+    pub(super) fn closed_scale(&self) -> Scale {
+        Scale::new(self.steps_per_rev(), 4 * i64::from(self.lines.max(1)))
+    }
+
+    /// Steps of the motor in a revolution.
+    fn steps_per_rev(&self) -> i64 {
+        i64::from(self.machine.steps_per_rev) * i64::from(self.microsteps)
+    }
+
+    /// VI, VM, A and D, converted to steps.
+    fn rates(&self) -> Limits {
+        let scale = self.scale();
+        Limits {
+            start_speed: scale.speed(self.start),
+            max_speed: scale.speed(self.speed),
+            acceleration: scale.acceleration(self.up),
+            deceleration: scale.acceleration(self.down),
+        }
+    }
+
+    /// Returns true if the motor follows the clock without ramps.
+    fn follows_at_once(&self) -> bool {
+        self.ratio == AT_ONCE
+    }
+
+    /// Returns true if PM is in effect, which requires that the bridge is on.
+    fn keeps_position(&self) -> bool {
+        self.closed && self.maintains && self.enabled
+    }
+
+    /// Returns true if the bridge is off although the circuitry is on (MC 5-50).
+    fn lacks_bridge(&self) -> bool {
+        self.keeps_field && !self.enabled
+    }
+
+    /// Counts off the target that count as a stall.
+    fn stall_counts(&self) -> i32 {
+        self.stall_factor.max(1).into()
+    }
+
+    /// Returns true if a limit stops the motor without a ramp.
+    fn stops_abruptly(&self) -> bool {
+        self.limit_mode >= 4
+    }
+}
+
+/// Highest speed that the rotor can follow, in steps/s. SS limits it with AS 1 and 2 only (FB 5.1); an
+/// MDrivePlus has no AS.
+fn response(bank: &Registers) -> u32 {
+    match bank.word(Reg::AS) {
+        1 | 2 => frequency(bank.word(Reg::SS).into()).unsigned_abs(),
+        _ => u32::MAX,
+    }
+}
+
+/// Parameters of the motor and its load.
+fn machine(bank: &Registers) -> StepperParameters {
+    let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
+    StepperParameters {
+        steps_per_rev: bank.word(Reg::FullSteps),
+        holding_unm: long(Reg::HoldingTorque) * 1_000,
+        pull_out_rpm: long(Reg::PullOutSpeed),
+        inertia_gcm2: long(Reg::Inertia),
+        friction_unm: long(Reg::Friction) * 1_000,
+        load_unm: i32::try_from(bank.get(Reg::Load)).unwrap_or(0) * 1_000,
+        ..StepperParameters::NOMINAL
+    }
 }
 
 /// Motion command. Positions and speeds are in the user's units: steps, or counts with EE = 1.
@@ -108,302 +240,182 @@ pub(super) enum Order {
     HomeToIndex(u8),
 }
 
-/// Contacts that the motion uses, each of them active or not.
+/// Present activity.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Contact {
-    Home,
-    PlusLimit,
-    MinusLimit,
-    JogPlus,
-    JogMinus,
+pub(super) enum Activity {
+    Rest,
+    /// A move is being calculated.
+    Planning(Move),
+    Moves(Move),
+    /// SL: turns without end at this speed, in the user's unit.
+    Slews(i32),
+    Jogs {
+        back: bool,
+    },
+    /// Ramp to standstill. The waiting task begins after that, `at_once` or after MT.
+    Stops {
+        at_once: bool,
+    },
+    /// Settling time MT, after a move or another motion.
+    Settles(Option<Move>),
+    Homes(Homing),
+    /// The motor follows the clock inputs.
+    Follows,
+    /// A Hybrid's circuitry turns the motor, with this percentage of its current.
+    CircuitDriven {
+        percent: u8,
+        preemption: Preemption,
+    },
 }
 
-/// Events of the motion for the rest of the drive.
+/// Treatment of a motion command while a Hybrid's circuitry turns the shaft.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Event {
-    /// An error.
-    Failed(Error),
-    /// A limit also stops the program (LM 3, 6).
-    StopsProgram,
-    /// A move with parameter 2 has ended: the drive sends its name.
-    Announce,
+pub(super) enum Preemption {
+    /// The command is executed at once.
+    AtOnce,
+    /// The command waits until the rotor is at rest.
+    AtStandstill,
+    /// The command is ignored.
+    Never,
+}
+
+/// A move to a position.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) struct Move {
+    /// Target position of the plan.
+    target: i32,
+    /// Target count of the encoder, with EE = 1.
+    encoder_target: Option<i32>,
+    /// True if MA or MR ordered the move, false for position maintenance.
+    ordered: bool,
+    /// True if the drive sends its name at the end.
+    notify_on_end: bool,
+    /// True if the motion does not stop at the target.
+    continuous: bool,
+    /// Speed at which the motion continues after the target, in the user's unit: VM when the move began.
+    speed: u32,
+    /// Number of corrections of the position so far.
+    tries: u8,
+}
+
+impl Move {
+    /// Move that an order makes from here. An order that is not a move makes one of no steps.
+    ///
+    /// # Errors
+    /// Error 21: the distance has more than 32 bits of steps.
+    fn of(order: Order, at: Instant, shaft: &Shaft, settings: &Settings) -> Result<Self, Error> {
+        let (distance, notify_on_end, continuous) = match order {
+            Order::To { position, notify_on_end, continuous } => {
+                (position.wrapping_sub(shaft.displayed_position(at)), notify_on_end, continuous)
+            }
+            Order::By { distance, notify_on_end, continuous } => (distance, notify_on_end, continuous),
+            Order::Slew(_) | Order::Home(_) | Order::HomeToIndex(_) => (0, false, false),
+        };
+        let steps = shaft.steps_of(at, distance).ok_or(Error::IllegalValue)?;
+        Ok(Self {
+            target: shaft.position(at).wrapping_add(steps),
+            encoder_target: settings.closed.then(|| shaft.count(at).wrapping_add(distance)),
+            ordered: true,
+            notify_on_end,
+            continuous,
+            speed: settings.speed,
+            tries: 0,
+        })
+    }
+
+    /// Move that brings the encoder back to `encoder_target`.
+    fn back_to(encoder_target: i32) -> Self {
+        Self {
+            target: 0,
+            encoder_target: Some(encoder_target),
+            ordered: false,
+            notify_on_end: false,
+            continuous: false,
+            speed: 0,
+            tries: 0,
+        }
+    }
+}
+
+impl Activity {
+    /// Returns true if the axis is at rest: nothing moves, settles or is calculated.
+    pub(super) fn is_rest(&self) -> bool {
+        matches!(self, Self::Rest)
+    }
+
+    /// Returns true if no plan runs.
+    fn is_idle(&self) -> bool {
+        matches!(self, Self::Rest | Self::Planning(_) | Self::Settles(_))
+    }
+
+    /// Returns true if the circuitry turns the motor.
+    pub(super) fn is_circuit_driven(&self) -> bool {
+        matches!(self, Self::CircuitDriven { .. })
+    }
+
+    /// Returns true if the motion has inertia.
+    fn spins(&self) -> bool {
+        matches!(self, Self::CircuitDriven { preemption: Preemption::Never | Preemption::AtStandstill, .. })
+    }
+
+    /// Returns true if the motor turns without end, until something stops it.
+    fn is_endless(&self) -> bool {
+        matches!(self, Self::Slews(_) | Self::Jogs { .. } | Self::Follows)
+    }
+
+    /// Task that PS interrupts and RS continues. A jog or a motion by the clock is none, because it is not the
+    /// program's.
+    fn task(&self) -> Option<Task> {
+        match *self {
+            Self::Planning(movement) | Self::Moves(movement) if movement.ordered => {
+                Some(Task::Move(movement))
+            }
+            Self::Slews(speed) => Some(Task::Slew(speed)),
+            Self::Homes(homing) => Some(Task::Home(homing.order())),
+            _ => None,
+        }
+    }
+
+    /// Checks that the motion uses new values of A, D and VI, or of VM (`is_speed`).
+    ///
+    /// # Errors
+    /// The motion keeps the values with which it began (MDRIVE-17).
+    pub(super) fn needs_rates(&self, is_speed: bool) -> Result<(), Why> {
+        match self {
+            Self::Moves(_) => Err(Why::KeepsRates),
+            Self::Slews(_) if is_speed => Err(Why::SlewHasSpeed),
+            Self::Slews(_) => Err(Why::NextSpeed),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// Motion that a Hybrid's circuitry makes on its own. C1 does not count it (MC 5-9).
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Circuit {
+    /// Turns the shaft by a number of steps. A motion command ends it.
+    Turn { steps: i32, rates: Limits },
+    /// Turns the shaft without end, from its present speed on, and ignores motion commands. The shaft has inertia,
+    /// so it does not stop when the bridge is switched off.
+    Spin { speed: I24F8, acceleration: u32 },
+    /// Slows down a spinning shaft. A motion command waits until the shaft is at rest.
+    Slow { deceleration: u32 },
 }
 
 /// The motor, and the state of its motion.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
     settings: Settings,
-    motor: Motor,
-    encoder: Encoder,
-    /// Offset of C1 to the position of the plan, and of C2 to the count of the encoder.
-    c1: i32,
-    c2: i32,
-    /// Lag of the rotor, in steps, at which a Hybrid reports a lag of 0.
-    lag_origin: i32,
+    shaft: Shaft,
     activity: Activity,
     /// Deadline of the activity.
     due: Instant,
-    /// Task that begins when the present motion has ended.
-    waiting: Option<Task>,
-    /// PS: no motion begins before RS. `left` is the interrupted task.
-    paused: bool,
-    left: Option<Task>,
-    /// Active contacts, one bit each.
-    contacts: u8,
+    queue: Queue,
+    contacts: Contacts,
     closed: Closed,
     follow: Follow,
     /// Time at which the index changes during a homing to the index.
     index_due: Instant,
-    on_index: bool,
-    /// Time since which the motor has been at rest.
-    rested: Instant,
-    /// True if the current is that of HC.
-    holds: bool,
-    events: Deque<Event, 8>,
-    changed: bool,
-}
-
-impl Motion {
-    /// Creates a motor at rest at position 0. The settings give the number of lines of the built-in
-    /// encoder.
-    pub(super) fn new(settings: Settings) -> Self {
-        Self {
-            settings,
-            motor: Motor::new(settings.microsteps),
-            encoder: Encoder::new(settings.lines),
-            c1: 0,
-            c2: 0,
-            lag_origin: 0,
-            activity: Activity::Rest,
-            due: Instant::NEVER,
-            waiting: None,
-            paused: false,
-            left: None,
-            contacts: 0,
-            closed: Closed::NEW,
-            follow: Follow::NEW,
-            index_due: Instant::NEVER,
-            on_index: false,
-            rested: Instant::ZERO,
-            holds: true,
-            events: Deque::new(),
-            changed: false,
-        }
-    }
-
-    /// Handles power-on or a restart: clears everything except the shaft's position, the levels of the remote
-    /// encoder, and the blocking of the shaft. Contacts that are active follow as events.
-    pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
-        self.settings = settings;
-        self.motor.set_microsteps(at, settings.microsteps);
-        self.motor.load(at, settings.machine);
-        self.motor.keep_field(at, settings.keeps_field);
-        self.motor.limit(at, settings.response, out);
-        self.motor.power_on(at, out);
-        (self.c1, self.c2) = (0, self.encoder.count(at, &self.motor).wrapping_neg());
-        self.enter_rest(at);
-        self.waiting = None;
-        (self.paused, self.left) = (false, None);
-        self.contacts = 0;
-        (self.closed, self.follow) = (Closed::NEW, Follow::NEW);
-        self.keep(at);
-        self.holds = true;
-        self.events.clear();
-        self.clear_lag(at);
-        self.refresh(at, out);
-    }
-
-    /// Disconnects the remote encoder.
-    pub(super) fn unplug(&mut self, at: Instant) {
-        for channel in [Channel::A, Channel::B, Channel::Index] {
-            self.encoder.channel(at, &self.motor, channel, None);
-        }
-    }
-
-    /// Applies new values of variables. A move in progress keeps the speed and the ramps with which it began
-    /// (MDRIVE-17).
-    pub(super) fn set(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
-        let before = core::mem::replace(&mut self.settings, settings);
-        if settings == before {
-            return;
-        }
-        self.motor.set_microsteps(at, settings.microsteps);
-        self.motor.load(at, settings.machine);
-        self.motor.keep_field(at, settings.keeps_field);
-        self.motor.limit(at, settings.response, out);
-        let is_another = settings.machine.steps_per_rev != before.machine.steps_per_rev;
-        if is_another {
-            self.clear_lag(at);
-        }
-        if is_another || (settings.closed, settings.lines) != (before.closed, before.lines) {
-            self.watch_from(at);
-        }
-        if (settings.closed && settings.maintains) != (before.closed && before.maintains) {
-            self.keep(at);
-        }
-        if (settings.follows_clock, settings.follows_at_once())
-            != (before.follows_clock, before.follows_at_once())
-        {
-            self.end_following(at, out);
-        }
-        self.permit_jog(at, before.jogs, out);
-        if settings.enabled && !before.enabled {
-            self.maintain(at, out);
-        }
-        self.refresh(at, out);
-    }
-
-    /// Returns true if the bridge is off although the circuitry is on (MC 5-50).
-    pub(super) fn lacks_bridge(&self) -> bool {
-        self.settings.keeps_field && !self.settings.enabled
-    }
-
-    /// Executes a motion command.
-    ///
-    /// # Errors
-    /// Error 81, 85, 93: the state forbids it; 21: the distance has more than 32 bits of steps. Nothing has changed
-    /// then. (The I/O reports 80, the Hybrid 88.) The inner error is the reason why the command does not begin now.
-    pub(super) fn order(
-        &mut self,
-        at: Instant,
-        order: Order,
-        out: &mut dyn Context,
-    ) -> Result<Result<(), Why>, Error> {
-        let begins = self.begin_order(at, order, out)?;
-        self.refresh(at, out);
-        Ok(begins)
-    }
-
-    /// Checks that the present motion uses new values of A, D and VI, or of VM (`is_speed`).
-    ///
-    /// # Errors
-    /// The motion keeps the values with which it began (MDRIVE-17).
-    pub(super) fn needs_rates(&self, is_speed: bool) -> Result<(), Why> {
-        match self.activity {
-            Activity::Moves(_) => Err(Why::KeepsRates),
-            Activity::Slews(_) if is_speed => Err(Why::SlewHasSpeed),
-            Activity::Slews(_) => Err(Why::NextSpeed),
-            _ => Ok(()),
-        }
-    }
-
-    /// Stops any motion with the deceleration D.
-    pub(super) fn stop(&mut self, at: Instant, out: &mut dyn Context) {
-        self.clear_waiting();
-        self.ramp_down(at, false, out);
-        self.refresh(at, out);
-    }
-
-    /// Stops any motion without a ramp (Esc).
-    pub(super) fn halt(&mut self, at: Instant, out: &mut dyn Context) {
-        self.clear_waiting();
-        self.stop_at_once(at, out);
-        self.refresh(at, out);
-    }
-
-    /// Sets the level of a remote encoder's pin; `None` if nothing drives the pin any more.
-    pub(super) fn channel(
-        &mut self,
-        at: Instant,
-        channel: Channel,
-        level: Option<bool>,
-        out: &mut dyn Context,
-    ) {
-        self.encoder.channel(at, &self.motor, channel, level);
-        self.counted(at, out);
-        self.refresh(at, out);
-    }
-
-    /// Adds edges that a remote encoder has made. Its channels A and B have these levels now.
-    pub(super) fn count(&mut self, at: Instant, edges: i32, channels: [bool; 2], out: &mut dyn Context) {
-        self.encoder.take_edges(at, &self.motor, edges, channels);
-        self.counted(at, out);
-        self.refresh(at, out);
-    }
-
-    /// Blocks the shaft, or releases it.
-    pub(super) fn block_shaft(&mut self, at: Instant, blocked: bool, out: &mut dyn Context) {
-        self.motor.set_blocked(at, blocked);
-        self.counted(at, out);
-        self.refresh(at, out);
-    }
-
-    /// Takes the oldest event, if any.
-    pub(super) fn next_event(&mut self) -> Option<Event> {
-        self.events.pop_front()
-    }
-
-    fn push_event(&mut self, event: Event) {
-        let told = self.events.push_back(event);
-        debug_assert!(
-            told.is_ok(),
-            "the drive takes events after each thing that happens, each line of a message, too"
-        );
-    }
-
-    fn fail(&mut self, error: Error) {
-        self.push_event(Event::Failed(error));
-    }
-
-    pub(super) fn deadline(&self) -> Instant {
-        let shaft = self.motor.deadline().min(self.index_due).min(self.closed.due);
-        shaft.min(self.due).min(self.hold_due())
-    }
-
-    pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.motor.deadline() <= at {
-            self.motor.timeout(at, out);
-            // Keeps the compared positions within 32 bits of each other.
-            self.closed.rebase(
-                self.settings.scale(),
-                self.motor.position(at),
-                self.encoder.count(at, &self.motor),
-            );
-            self.counted(at, out);
-        }
-        if self.closed.due <= at {
-            self.counted(at, out);
-        }
-        if self.due <= at {
-            self.activity_due(at, out);
-        }
-        self.refresh(at, out);
-    }
-
-    /// Updates the motor current and the deadlines.
-    fn refresh(&mut self, at: Instant, out: &mut dyn Context) {
-        self.look_at_index(at, out);
-        if self.hold_due() <= at {
-            self.holds = true;
-        }
-        self.motor.energize(at, self.percent(), self.spins(), out);
-        self.watch(at);
-    }
-
-    /// Current that the motor is to have, in %; `None` if the bridge is off.
-    fn percent(&self) -> Option<u8> {
-        let Settings { enabled, run_percent, hold_percent, .. } = self.settings;
-        let percent = match self.activity {
-            Activity::CircuitDriven { percent, .. } => percent,
-            _ if self.holds => hold_percent,
-            _ => run_percent,
-        };
-        enabled.then_some(percent)
-    }
-
-    /// Returns true if the current does not fall to that of HC, because HT is 0 (MDRIVE-19).
-    pub(super) fn never_holds(&self) -> bool {
-        !self.holds && self.settings.hold_delay_ms == 0
-    }
-
-    /// Time at which the current falls to that of HC: HT after the end of all motion, or never (MC 5-32;
-    /// MDRIVE-19).
-    fn hold_due(&self) -> Instant {
-        match self.activity {
-            Activity::Rest if !self.holds && !self.never_holds() => {
-                self.rested + Duration::millis(self.settings.hold_delay_ms.into())
-            }
-            _ => Instant::NEVER,
-        }
-    }
+    current: Current,
+    events: Events,
 }

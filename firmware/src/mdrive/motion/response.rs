@@ -16,15 +16,30 @@ const DECELERATION: u32 = 1_000_000;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Response {
     /// Maximum speed, in steps/s.
-    pub(super) max_speed: u32,
+    max_speed: u32,
     /// True if the plan is faster.
-    pub(super) is_too_fast: bool,
+    is_too_fast: bool,
     /// Time at which the plan becomes too fast, or no longer is.
-    pub(super) due: Instant,
+    due: Instant,
 }
 
 impl Response {
     pub(super) const FULL: Self = Self { max_speed: u32::MAX, is_too_fast: false, due: Instant::NEVER };
+
+    /// Sets the maximum speed. Returns true if that is a change.
+    pub(super) fn set_max_speed(&mut self, max_speed: u32) -> bool {
+        core::mem::replace(&mut self.max_speed, max_speed) != max_speed
+    }
+
+    /// Returns true if the plan is faster.
+    pub(super) fn is_too_fast(&self) -> bool {
+        self.is_too_fast
+    }
+
+    /// Time at which the plan becomes too fast, or no longer is.
+    pub(super) fn deadline(&self) -> Instant {
+        self.due
+    }
 
     /// Checks the speed of the plan. Returns true if the plan has become too fast, or no longer is.
     pub(super) fn update(&mut self, at: Instant, plan: &Plan) -> bool {

@@ -2,40 +2,35 @@
 
 use fixed::types::{I24F8, I48F16, U24F8};
 
-use super::Settings;
-use crate::motion::{Limits, MAX_ACCELERATION};
+use crate::motion::MAX_ACCELERATION;
 
 /// Ratio of steps to counts.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(in crate::mdrive) struct Scale {
-    pub(super) steps: i64,
-    pub(super) counts: i64,
-}
-
-impl Settings {
-    pub(super) fn scale(&self) -> Scale {
-        if self.closed { self.closed_scale() } else { Scale { steps: 1, counts: 1 } }
-    }
-
-    /// Scale with EE = 1.
-    pub(in crate::mdrive) fn closed_scale(&self) -> Scale {
-        let steps = i64::from(self.machine.steps_per_rev) * i64::from(self.microsteps);
-        Scale { steps, counts: 4 * i64::from(self.lines.max(1)) }
-    }
-
-    /// VI, VM, A and D, converted to steps.
-    pub(super) fn rates(&self) -> Limits {
-        let scale = self.scale();
-        Limits {
-            start_speed: scale.speed(self.start),
-            max_speed: scale.speed(self.speed),
-            acceleration: scale.acceleration(self.up),
-            deceleration: scale.acceleration(self.down),
-        }
-    }
+    steps: i64,
+    counts: i64,
 }
 
 impl Scale {
+    /// Scale with EE = 0: the unit is a step.
+    pub(super) const STEPS: Self = Self { steps: 1, counts: 1 };
+
+    /// Creates the scale of a revolution with these numbers of steps and counts.
+    pub(super) fn new(steps: i64, counts: i64) -> Self {
+        Self { steps, counts }
+    }
+
+    /// Lag of the encoder behind the steps: steps times the counts of a revolution, minus counts times its steps.
+    pub(super) fn lag(self, steps: i32, counts: i32) -> i64 {
+        i64::from(steps) * self.counts - i64::from(counts) * self.steps
+    }
+
+    /// Steps at which [`Self::lag`] reaches `lag`, if the encoder does not move; `None` if they have more than 64
+    /// bits.
+    pub(super) fn steps_of_lag(self, lag: i64) -> Option<i64> {
+        lag.checked_add(self.counts - 1)?.checked_div(self.counts)
+    }
+
     /// Converts from steps to counts: A or D to counts/s², VI or VM to counts/s.
     pub(in crate::mdrive) fn in_counts(self, value: i64) -> i64 {
         (value * self.counts).checked_div(self.steps).unwrap_or(0)
@@ -65,7 +60,8 @@ impl Scale {
         if speed < 0 { -size } else { size }
     }
 
-    fn acceleration(self, acceleration: u32) -> u32 {
+    /// Converts an acceleration in the user's unit to steps/s².
+    pub(super) fn acceleration(self, acceleration: u32) -> u32 {
         let scaled = (i64::from(acceleration) * self.steps).checked_div(self.counts).unwrap_or(0);
         u32::try_from(scaled).unwrap_or(u32::MAX).clamp(1, MAX_ACCELERATION)
     }

@@ -27,7 +27,7 @@ fn dut() -> Dut {
 impl Dut {
     /// AF as MCode reads it.
     fn flags(&self) -> i64 {
-        self.drive.drive.read_mcode(self.now, Reg::AF).into()
+        self.drive.drive.reader(self.now).read_mcode(Reg::AF).into()
     }
 
     /// Runs for as long as `is_so` is true, a minute at most, and finds the end to the tick. Returns the
@@ -445,7 +445,7 @@ impl Dut {
 
     /// Speed that the axis shows, in steps/s.
     fn speed(&self) -> i64 {
-        self.drive.drive.motion.plan().speed_at(self.now).to_num()
+        self.drive.drive.motion.shaft().plan().speed_at(self.now).to_num()
     }
 }
 
@@ -453,9 +453,9 @@ impl Dut {
 fn a_rotor_that_was_held_begins_anew() {
     let mut dut = at_full_speed();
     dut.fault("stall", true);
-    let position = dut.drive.drive.motion.plan().position_at(dut.now);
+    let position = dut.drive.drive.motion.shaft().plan().position_at(dut.now);
     assert_eq!((dut.turned(3.secs()), dut.speed(), dut.get(Reg::LR)), (0, 0, 1));
-    assert_eq!(dut.drive.drive.motion.plan().position_at(dut.now), position);
+    assert_eq!(dut.drive.drive.motion.shaft().plan().position_at(dut.now), position);
     dut.fault("stall", false);
     assert_eq!((dut.speed(), dut.get(Reg::LR)), (0, 0));
     // 9,765 full steps/s²: 2.4 counts in 5 ms, 976 in 100 ms, and full speed after 1.024 s.

@@ -1,14 +1,15 @@
-//! Effects of writing variables.
+//! Effects of writing variables, also of those with several values: I/O set-ups, trips, CA and MU.
 
-use super::{TORQUE, output_bit, step, user_name};
+use super::{entry, output_bit, step, user_name};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::{Drive, Model};
 use crate::mdrive::error::Error;
-use crate::mdrive::hybrid::{Environment, divider};
+use crate::mdrive::hybrid::{Environment, divider, set_motion};
+use crate::mdrive::io::Filters;
+use crate::mdrive::mcode::statement::{List, Parameter};
 use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::{Reg, is_frequency, mcode_range};
-use crate::mdrive::settings::{filters, set_motion};
 
 impl Drive {
     /// Writes a variable: validates, then applies it.
@@ -23,7 +24,7 @@ impl Drive {
         value: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        self.validate(at, reg, value, &|other| self.bank.stored(other))?;
+        self.reader(at).validate(reg, value, &|other| self.bank.stored(other))?;
         self.apply(at, reg, value, out)
     }
 
@@ -59,7 +60,7 @@ impl Drive {
         by: i32,
         out: &mut dyn Context,
     ) -> Result<(), Error> {
-        let value = self.counted(at, reg, by, self.bank.stored(reg))?;
+        let value = self.reader(at).counted(reg, by, self.bank.stored(reg))?;
         self.write(at, reg, value, out)
     }
 
@@ -106,13 +107,13 @@ impl Drive {
     ) -> Result<(), Error> {
         let (notify_on_end, continuous) = (false, false);
         match reg {
-            Reg::C1 => self.motion.set_steps(at, value),
-            Reg::C2 => self.motion.set_counts(at, value),
-            Reg::P if self.bank.is_closed() => self.motion.set_counts(at, value),
-            Reg::P => self.motion.set_steps(at, value),
-            Reg::ER => self.errors.put((value & 0xFF) as u8),
+            Reg::C1 => self.motion.shaft_mut().set_steps(at, value),
+            Reg::C2 => self.motion.shaft_mut().set_counts(at, value),
+            Reg::P if self.bank.is_closed() => self.motion.shaft_mut().set_counts(at, value),
+            Reg::P => self.motion.shaft_mut().set_steps(at, value),
+            Reg::ER => self.mcode.errors.put((value & 0xFF) as u8),
             Reg::IC | Reg::DC => {
-                let counted = self.counted_by_address(value)?;
+                let counted = self.reader(at).counted_by_address(value)?;
                 return self.count(at, counted, step(reg), out);
             }
             Reg::O1 | Reg::O2 | Reg::O3 | Reg::O4 => {
@@ -124,7 +125,7 @@ impl Drive {
             Reg::ST => self.motion.set_stalled(value != 0),
             Reg::TE => {
                 let mask = (value & 0xFF) as u8;
-                report(self.mcode.trips.enable(at, mask, &self.bank, &self.motion)?, at, out);
+                report(self.mcode.trips.enable(at, mask, &self.bank, self.motion.shaft())?, at, out);
             }
             Reg::MA => return self.order(at, Order::To { position: value, notify_on_end, continuous }, out),
             Reg::MR => return self.order(at, Order::By { distance: value, notify_on_end, continuous }, out),
@@ -143,7 +144,7 @@ impl Drive {
 
     /// Stores a variable's value and applies it.
     fn set(&mut self, at: Instant, reg: Reg, value: i32, out: &mut dyn Context) -> Result<(), Error> {
-        let calibrates = self.calibrates(reg, value);
+        let calibrates = self.reader(at).calibrates(reg, value);
         let changes = value != self.bank.stored(reg);
         self.bank.store(reg, value);
         match reg {
@@ -161,27 +162,8 @@ impl Drive {
         if calibrates && self.calibrate(at, false, out)? {
             report(Err(Why::Calibrates), at, out);
         }
-        report(self.has_effect(reg, changes), at, out);
+        report(self.reader(at).has_effect(reg, changes), at, out);
         Ok(())
-    }
-
-    /// Returns the reason if a value that has been stored has no effect now. `changes` is true if it differs
-    /// from the value before.
-    fn has_effect(&self, reg: Reg, changes: bool) -> Result<(), Why> {
-        let is = |value| self.bank.stored(reg) == value;
-        match reg {
-            Reg::A | Reg::D | Reg::VI | Reg::VM if changes => self.motion.needs_rates(reg == Reg::VM),
-            Reg::HT if is(0) => Err(Why::NeverHolds),
-            Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
-            Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
-            Reg::DE if is(1) => self.hybrid.needs_bridge(&self.bank),
-            Reg::AS if i64::from(self.bank.stored(reg)) == TORQUE => {
-                self.hybrid.needs_bridge(&self.bank)?;
-                if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
-            }
-            Reg::TD if changes && self.hybrid.has_torque() => Err(Why::TorqueBegan),
-            _ => Ok(()),
-        }
     }
 
     /// Starts a calibration, because of CF (`clears`) or anything else. Returns false if there is nothing to
@@ -220,7 +202,7 @@ impl Drive {
     /// # Errors
     /// Error 73 in motion.
     pub(in crate::mdrive) fn save(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
-        if self.is_in_motion() {
+        if self.reader(at).is_in_motion() {
             return Err(Error::SaveInMotion);
         }
         self.saving.begin(at, &mut self.bank, &self.mcode.names, out);
@@ -235,7 +217,7 @@ impl Drive {
 
     /// Passes the settings to the I/O.
     pub(in crate::mdrive) fn set_filters(&mut self, at: Instant, out: &mut dyn Context) {
-        self.io.set_filters(at, filters(&self.bank), out);
+        self.io.set_filters(at, Filters::of(&self.bank), out);
     }
 
     /// Sets the points in `outputs`, one bit each, active or inactive by the same bits of `active`. Points that
@@ -249,5 +231,83 @@ impl Drive {
                 let _ = self.io.write(at, n, active & bit != 0, out);
             }
         }
+    }
+
+    /// Writes a variable of several values: S1 to S13, CA, MU, a trip. An omitted value after the first one
+    /// is 0.
+    ///
+    /// # Errors
+    /// Error 6, 8, 9, 11, 12, 21, 30, 38 or 39; nothing has changed then.
+    pub(in crate::mdrive) fn write_list(
+        &mut self,
+        at: Instant,
+        list: List,
+        parameters: &[Parameter],
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        match list {
+            List::Trip(trip) => {
+                let definition = self.read(at, |reader| reader.trip_definition(trip, parameters))?;
+                self.mcode.trips.define(at, trip, definition, self.motion.shaft());
+                Ok(())
+            }
+            List::Io(reg) => {
+                let count = usize::from(entry(reg).shape.words());
+                let values = self.read(at, |reader| reader.values(count, parameters))?;
+                self.set_up(at, reg, values, out)
+            }
+            List::With(reg) => {
+                let [value, with, _] = self.read(at, |reader| reader.values(2, parameters))?;
+                if with > 1 {
+                    return Err(Error::IllegalValue);
+                }
+                self.write(at, reg, value.into(), out)?;
+                match reg {
+                    Reg::CA => self.bank.set(Reg::CalibrationMethod, with.into()),
+                    // MCode clears the lag if the second value of MU is 1, as in `MU=2,1`.
+                    Reg::MU if with == 1 => self.motion.shaft_mut().clear_lag(at),
+                    _ => {}
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// Sets up an I/O point.
+    ///
+    /// # Errors
+    /// Error 6, 8, 11 or 21; nothing has changed then.
+    pub(in crate::mdrive) fn set_up(
+        &mut self,
+        at: Instant,
+        reg: Reg,
+        values: [u16; 3],
+        out: &mut dyn Context,
+    ) -> Result<(), Error> {
+        let [kind, second, _] = values;
+        if !self.bank.has_type(kind) {
+            return Err(Error::IllegalType);
+        }
+        match reg {
+            Reg::S1 => self.io.set_up(at, 1, values, out),
+            Reg::S2 => self.io.set_up(at, 2, values, out),
+            Reg::S3 => self.io.set_up(at, 3, values, out),
+            Reg::S4 => self.io.set_up(at, 4, values, out),
+            Reg::S5 => self.io.set_up_analogue(at, [kind, second]),
+            Reg::S7 => self.io.set_up_clock(at, 7, [kind, second], out),
+            Reg::S8 => self.io.set_up_clock(at, 8, [kind, second], out),
+            Reg::S13 => self.io.set_up_capture(at, [kind, second], out),
+            _ => Err(Error::IllegalIo),
+        }?;
+        let words = values.iter().take(usize::from(entry(reg).shape.words()));
+        self.bank.set(reg, words.fold(0, |all, &word| all << 16 | i64::from(word)));
+        if let Reg::S7 | Reg::S8 = reg {
+            // The two points always have the same type (MC 5-66).
+            let pair = if reg == Reg::S7 { Reg::S8 } else { Reg::S7 };
+            let [_, active, _] = self.bank.set_up_of(pair);
+            self.bank.set(pair, i64::from(kind) << 16 | i64::from(active));
+        }
+        self.set_motion(at, out);
+        Ok(())
     }
 }

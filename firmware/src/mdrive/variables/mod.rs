@@ -1,137 +1,21 @@
 //! Reading and writing of variables, by the bus and by MCode.
 //!
-//! The drive stores a value of each (`stored`). All values of a write are validated first (`judge`), then
-//! applied (`apply`, `lists`). EE changes units (`units`).
+//! The drive stores a value of each (`stored`). All values of a write are validated first (`reader::judge`), then
+//! applied (`apply`).
 
 mod apply;
-mod judge;
-mod lists;
 mod stored;
-mod units;
 
 use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
 
-pub(super) use self::judge::{illegal, refuses};
-pub(super) use self::stored::Registers;
-use super::drive::{Drive, Model};
-use super::error::Error;
-use super::hybrid::frequency;
-use super::mcode::names::Meaning;
-use super::mcode::statement::{Name, Operand};
-use super::registers::{Reg, is_frequency};
-use crate::device::Instant;
+pub(super) use self::stored::{CLOSED_MICROSTEPS, Registers};
+use super::mcode::statement::Name;
+use super::registers::Reg;
 
 /// Stored value of CR for a ratio of 1.
 pub(super) const RATIO_ONE: i32 = 1_000;
-/// Value of AS for torque mode.
-const TORQUE: i64 = 3;
-
-impl Drive {
-    /// Present value of a variable, as its register reads. This has none of the side effects of reading. A
-    /// user variable that is not declared is 0.
-    pub(super) fn read(&self, at: Instant, reg: Reg) -> i32 {
-        match reg {
-            Reg::C1 => self.motion.steps(at),
-            Reg::C2 => self.motion.counts(at),
-            Reg::P => self.motion.displayed_position(at),
-            Reg::EF => self.errors.is_set().into(),
-            Reg::ER => self.errors.number().into(),
-            Reg::I1 | Reg::O1 => self.io.is_active(1).into(),
-            Reg::I2 | Reg::O2 => self.io.is_active(2).into(),
-            Reg::I3 | Reg::O3 => self.io.is_active(3).into(),
-            Reg::I4 | Reg::O4 => self.io.is_active(4).into(),
-            Reg::I5 => self.io.analogue(at).into(),
-            Reg::I6 => self.motion.is_on_index(at).into(),
-            Reg::IL => self.io.levels().into(),
-            Reg::IN => self.io.raw_levels().into(),
-            Reg::IF => self.mcode.vm.awaits_input().into(),
-            Reg::MP => self.motion.is_positioning().into(),
-            Reg::MV => self.motion.is_moving().into(),
-            Reg::PC => self.mcode.trips.captured(),
-            Reg::ST => self.motion.has_stalled().into(),
-            Reg::TE => self.mcode.trips.enabled().into(),
-            // In torque mode V is 0 (FB 5, V).
-            Reg::V if self.bank.model() == Model::Hybrid && self.bank.get(Reg::AS) == TORQUE => 0,
-            Reg::V => self.motion.velocity(at),
-            Reg::VC => self.motion.is_changing(at).into(),
-            // The register has one byte (FB 5.1).
-            Reg::AF => (self.hybrid.status(at, &self.bank, &self.motion) & 0xFF).into(),
-            Reg::LL => self.hybrid.lag(at, &self.bank, &self.motion),
-            Reg::LR => self.hybrid.is_locked().into(),
-            Reg::IT => self.hybrid.temperature(at),
-            Reg::BY => self.mcode.vm.is_running().into(),
-            // These variables are commands, which store no value.
-            Reg::DC | Reg::IC | Reg::OL | Reg::OT | Reg::S | Reg::CF | Reg::SC => 0,
-            _ => match user_name(reg) {
-                Some(name) => self.user_variable(name).unwrap_or(0),
-                None => self.bank.stored(reg),
-            },
-        }
-    }
-
-    /// Present value of a variable as MCode reads it: SS and TS in Hz, AF with all its bits.
-    pub(super) fn read_mcode(&self, at: Instant, reg: Reg) -> i32 {
-        match reg {
-            Reg::AF => self.hybrid.status(at, &self.bank, &self.motion).into(),
-            _ if is_frequency(reg) => frequency(self.read(at, reg)),
-            _ => self.read(at, reg),
-        }
-    }
-
-    /// Applies the side effect of reading a variable: reading ER clears it.
-    pub(super) fn has_read(&mut self, reg: Reg) {
-        if reg == Reg::ER {
-            self.errors.clear();
-        }
-    }
-
-    /// Value of an operand of MCode, without its fraction. Reading a variable has its side effects.
-    ///
-    /// # Errors
-    /// Error 30: there is no such user variable.
-    pub(super) fn operand(&mut self, at: Instant, operand: Operand) -> Result<i32, Error> {
-        match operand {
-            Operand::Number(number) => Ok(number),
-            Operand::Ratio(thousandths) => Ok(thousandths / RATIO_ONE),
-            Operand::Variable(Reg::CR) => Ok(self.bank.stored(Reg::CR) / RATIO_ONE),
-            Operand::Variable(reg) => {
-                let value = self.read_mcode(at, reg);
-                self.has_read(reg);
-                Ok(value)
-            }
-            Operand::User(name) => self.user_variable(name).ok_or(Error::UnknownLabel),
-        }
-    }
-
-    /// Value of an operand in thousandths, the unit in which CR is stored.
-    ///
-    /// # Errors
-    /// As [`Self::operand`].
-    pub(super) fn thousandths(&mut self, at: Instant, operand: Operand) -> Result<i64, Error> {
-        match operand {
-            Operand::Ratio(thousandths) => Ok(thousandths.into()),
-            Operand::Variable(Reg::CR) => Ok(self.bank.stored(Reg::CR).into()),
-            whole => self.operand(at, whole).map(|value| i64::from(value) * i64::from(RATIO_ONE)),
-        }
-    }
-
-    /// Returns true if a row is present: the model has it, and a user variable is declared.
-    pub(super) fn is_present(&self, reg: Reg) -> bool {
-        self.bank.has(reg) && user_name(reg).is_none_or(|name| self.user_variable(name).is_some())
-    }
-
-    /// Returns true if there is a user variable of that name.
-    pub(super) fn has_user_variable(&self, name: Name) -> bool {
-        self.user_variable(name).is_some()
-    }
-
-    fn user_variable(&self, name: Name) -> Option<i32> {
-        match self.mcode.names.find(name)? {
-            Meaning::Global(value) | Meaning::Local(value) => Some(value),
-            Meaning::Label(_) => None,
-        }
-    }
-}
+/// The value that HT does not take: it is 0 or at least 2 ms (MC 5-32).
+pub(super) const NO_DELAY_MS: i32 = 1;
 
 /// Entry of a variable in the register map.
 pub(super) fn entry(reg: Reg) -> &'static Entry {
@@ -154,12 +38,12 @@ pub(super) fn is_number(reg: Reg) -> bool {
 }
 
 /// Amount that IC or DC adds.
-fn step(reg: Reg) -> i32 {
+pub(super) fn step(reg: Reg) -> i32 {
     if reg == Reg::DC { -1 } else { 1 }
 }
 
 /// Bit of an output, O1 to O4, in OL.
-fn output_bit(reg: Reg) -> i32 {
+pub(super) fn output_bit(reg: Reg) -> i32 {
     match reg {
         Reg::O1 => 1,
         Reg::O2 => 2,
@@ -169,7 +53,7 @@ fn output_bit(reg: Reg) -> i32 {
 }
 
 /// Name of the user variable behind one of the registers V1 to V8 (FB 5.2).
-fn user_name(reg: Reg) -> Option<Name> {
+pub(super) fn user_name(reg: Reg) -> Option<Name> {
     let digit = match reg {
         Reg::V1 => b'1',
         Reg::V2 => b'2',

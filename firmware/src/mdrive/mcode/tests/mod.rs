@@ -132,7 +132,7 @@ impl Dut {
         self.types(line);
         self.types("\r");
         let error = self.get(Reg::ER);
-        self.drive.drive.errors.clear();
+        self.drive.drive.mcode.errors.clear();
         error
     }
 }

@@ -235,7 +235,7 @@ fn the_log_fills_up_and_is_emptied() {
     }
     // Each line takes 69 bytes, and one byte marks the end.
     assert_eq!(stored, 12 * 1024 / 69);
-    dut.drive.drive.errors.clear();
+    dut.drive.drive.mcode.errors.clear();
     dut.types_lines("PG");
     assert_eq!(listed(&mut dut, "").len(), stored);
     dut.cycle();

@@ -11,7 +11,7 @@ impl Bench {
     /// Runs until the built-in encoder shows this count.
     fn run_to_count(&mut self, count: i32) {
         self.run(3.millis());
-        self.run_to(self.motion.reaches_steps(self.now, 25 * count));
+        self.run_to(self.motion.shaft().reaches_steps(self.now, 25 * count));
         // The plan makes the step at the nearest tick, which may be one tick later.
         self.run(Duration::TICK);
         assert_eq!(self.c2(), count);
@@ -73,7 +73,7 @@ fn absolute_moves_go_by_c2() {
     let mut bench = Bench::new(COUNTS);
     bench.does(by(1_000));
     bench.run_out();
-    bench.feed(|motion, at, _| motion.set_counts(at, 0));
+    bench.feed(|motion, at, _| motion.shaft_mut().set_counts(at, 0));
     bench.does(to(-500));
     bench.run_out();
     assert_eq!((bench.c1(), bench.c2()), (500 * 25, -500));
@@ -159,7 +159,7 @@ fn with_sm_the_shaft_goes_on_after_each_stall_and_is_corrected_at_vi() {
     bench.does(by(4_096));
     for (count, lost) in [(1_000, 41), (2_000, 82)] {
         bench.run(3.millis());
-        bench.run_to(bench.motion.reaches_steps(bench.now, 25 * count));
+        bench.run_to(bench.motion.shaft().reaches_steps(bench.now, 25 * count));
         // 8,944 counts/s and more: 36 to 50 counts in 4 ms. The torque repeats every 40.96 counts.
         bench.hold(true);
         bench.run(4.millis());
@@ -255,10 +255,10 @@ fn a_remote_encoder_counts_once_it_is_driven() {
     bench.does(to(1_100));
     bench.run_out();
     assert_eq!(bench.c2(), 1, "its own shaft does not matter");
-    assert!(!bench.motion.is_on_index(bench.now));
+    assert!(!bench.motion.shaft().is_on_index(bench.now));
     bench.feed(|motion, at, out| motion.channel(at, Channel::Index, Some(true), out));
-    assert!(bench.motion.is_on_index(bench.now));
-    bench.feed(|motion, at, _| motion.unplug(at));
+    assert!(bench.motion.shaft().is_on_index(bench.now));
+    bench.feed(|motion, at, _| motion.shaft_mut().unplug(at));
     bench.does(by(100));
     bench.run_out();
     assert_eq!(bench.c2(), 1 + 4);

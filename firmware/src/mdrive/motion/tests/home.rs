@@ -14,7 +14,7 @@ impl Track {
     /// Begins at rest at `from`.
     fn new(settings: Settings, from: i32, switch: (i32, i32)) -> Self {
         let mut bench = Bench::new(settings);
-        bench.feed(|motion, at, _| motion.set_steps(at, from));
+        bench.feed(|motion, at, _| motion.shaft_mut().set_steps(at, from));
         let mut track = Self { bench, switch, limits: (i32::MIN, i32::MAX) };
         track.look();
         track
@@ -36,7 +36,7 @@ impl Track {
         let (switch, limits) = (self.switch, self.limits);
         let edges = [switch.0 - 1, switch.0, switch.1 - 1, switch.1, limits.0, limits.1, limits.1 - 1];
         let edges = edges.into_iter().chain([limits.0.wrapping_sub(1)]);
-        edges.map(|edge| self.bench.motion.reaches(self.bench.now, edge)).min().unwrap()
+        edges.map(|edge| self.bench.motion.shaft().reaches(self.bench.now, edge)).min().unwrap()
     }
 
     /// Runs until the motor is at rest. Returns the lowest and the highest position.
@@ -279,7 +279,7 @@ fn homing_to_the_index_ends_just_off_it() {
             let mut bench = Bench::new(settings);
             bench.does(by(30_000));
             bench.run_out();
-            assert!(!bench.motion.is_on_index(bench.now));
+            assert!(!bench.motion.shaft().is_on_index(bench.now));
             bench.does(Order::HomeToIndex(kind));
             bench.run_out();
             bench.run(2.millis());
@@ -289,7 +289,7 @@ fn homing_to_the_index_ends_just_off_it() {
             let off = bench.c1().rem_euclid(51_200);
             let off_it = if matches!(kind, 1 | 4) { [25, 26] } else { [51_199, 51_198] };
             assert!(off_it.contains(&off), "HI {kind}: {}", bench.c1());
-            assert!(!bench.motion.is_on_index(bench.now));
+            assert!(!bench.motion.shaft().is_on_index(bench.now));
         }
     }
 }
@@ -302,7 +302,7 @@ fn the_index_is_a_count_wide() {
         bench.does(to(position));
         bench.run_out();
         bench.run(2.millis());
-        if bench.motion.is_on_index(bench.now) {
+        if bench.motion.shaft().is_on_index(bench.now) {
             on.push(position);
         }
     }

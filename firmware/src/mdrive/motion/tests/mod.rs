@@ -79,7 +79,7 @@ fn recorder() -> Recorder {
 impl Motion {
     /// Returns true if motion is paused: the waiting task waits for RS.
     pub(in crate::mdrive) fn is_paused(&self) -> bool {
-        self.paused
+        self.queue.is_paused()
     }
 }
 
@@ -159,11 +159,11 @@ impl Bench {
 
     /// C1. The methods below read C2, V, MV, MP and VC.
     fn c1(&self) -> i32 {
-        self.motion.steps(self.now)
+        self.motion.shaft().steps(self.now)
     }
 
     fn c2(&self) -> i32 {
-        self.motion.counts(self.now)
+        self.motion.shaft().counts(self.now)
     }
 
     fn v(&self) -> i32 {

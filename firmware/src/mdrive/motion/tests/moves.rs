@@ -37,7 +37,7 @@ fn moves_are_relative_to_here_or_to_zero() {
         bench.run_out();
         assert_eq!(bench.c1(), position);
     }
-    bench.feed(|motion, at, _| motion.set_steps(at, 100));
+    bench.feed(|motion, at, _| motion.shaft_mut().set_steps(at, 100));
     assert_eq!((bench.c1(), bench.c2()), (100, -7_000 / 25));
     bench.does(to(0));
     bench.run_out();
@@ -49,7 +49,7 @@ fn a_position_that_is_set_while_a_move_is_calculated_does_not_change_its_way() {
     let mut bench = Bench::new(FACTORY);
     bench.does(by(1_000));
     bench.run(MS);
-    bench.feed(|motion, at, _| motion.set_steps(at, 50));
+    bench.feed(|motion, at, _| motion.shaft_mut().set_steps(at, 50));
     bench.run_out();
     assert_eq!(bench.c1(), 1_050);
 }
@@ -347,18 +347,18 @@ fn five_million_steps_a_second() {
 #[test]
 fn when_a_position_is_reached_is_known() {
     let mut bench = Bench::new(SLOW);
-    bench.feed(|motion, at, _| motion.set_steps(at, -500));
-    assert!(bench.motion.has_changed() && !bench.motion.has_changed());
-    assert_eq!(bench.motion.reaches(bench.now, 1_700), Instant::NEVER);
+    bench.feed(|motion, at, _| motion.shaft_mut().set_steps(at, -500));
+    assert!(bench.motion.shaft_mut().has_changed() && !bench.motion.shaft_mut().has_changed());
+    assert_eq!(bench.motion.shaft().reaches(bench.now, 1_700), Instant::NEVER);
     bench.does(Order::Slew(5_000));
-    assert!(bench.motion.has_changed());
+    assert!(bench.motion.shaft_mut().has_changed());
     // 1,200 steps of ramp in 400 ms, 1,000 in 200 ms.
-    let due = bench.motion.reaches(bench.now, 1_700);
+    let due = bench.motion.shaft().reaches(bench.now, 1_700);
     assert_eq!(due, Instant::from(600.millis()));
     bench.run_to(due - Duration::TICK);
     assert_eq!(bench.c1(), 1_699);
     bench.run(Duration::TICK);
-    assert_eq!((bench.c1(), bench.motion.has_changed()), (1_700, false));
+    assert_eq!((bench.c1(), bench.motion.shaft_mut().has_changed()), (1_700, false));
 }
 
 #[test]
@@ -369,10 +369,10 @@ fn the_manuals_change_of_velocity_ends_where_it_expects() {
     let settings = Settings { start: 20_000, speed: 500_000, up: 500_000, down: 800_000_000, ..FACTORY };
     let mut bench = Bench::new(settings);
     bench.does(Order::Slew(101_200));
-    bench.run_to(bench.motion.reaches(bench.now, 51_200));
+    bench.run_to(bench.motion.shaft().reaches(bench.now, 51_200));
     bench.run(LINE * 2);
     bench.does(Order::Slew(202_400));
-    bench.run_to(bench.motion.reaches(bench.now, 102_290));
+    bench.run_to(bench.motion.shaft().reaches(bench.now, 102_290));
     assert_eq!(bench.v(), 202_400);
     bench.run(LINE * 2);
     bench.does(Order::Slew(0));

@@ -146,8 +146,8 @@ proptest! {
                 Does::Pauses => motion.pause(at, out),
                 Does::Resumes => motion.resume(at, out),
                 Does::Presets(steps) => {
-                    motion.set_steps(at, steps);
-                    motion.set_counts(at, steps);
+                    motion.shaft_mut().set_steps(at, steps);
+                    motion.shaft_mut().set_counts(at, steps);
                 }
                 Does::Restarts => motion.power_on(at, now, out),
             });
@@ -157,16 +157,16 @@ proptest! {
             let rests = !bench.is_moving();
             prop_assert!(!rests || bench.v() == 0 && !bench.is_positioning() && !bench.is_changing());
             let ma = bench.out.currents.last().map(|(.., ma)| *ma);
-            let percent = if rests && bench.motion.holds { now.hold_percent } else { now.run_percent };
+            let percent = if rests && bench.motion.current.holds() { now.hold_percent } else { now.run_percent };
             prop_assert_eq!(ma, Some(if now.enabled { u32::from(percent) * 30 } else { 0 }));
             // The outputs agree with the motor's position.
             let planned = bench.out.plan();
             let position = planned.position_at(bench.now).wrapping_add(bench.out.steps_since_plan());
-            prop_assert_eq!(position, bench.motion.motor.position(bench.now));
+            prop_assert_eq!(position, bench.motion.shaft.position(bench.now));
         }
         bench.feed(|motion, at, out| motion.halt(at, out));
         bench.run(1.secs());
-        let stands = !bench.is_moving() || now.closed && now.maintains || bench.motion.encoder.is_remote();
+        let stands = !bench.is_moving() || now.closed && now.maintains || bench.motion.shaft.has_remote_encoder();
         prop_assert!(stands, "{:?}", bench.motion.activity);
     }
 }

@@ -221,7 +221,7 @@ fn example_8_6_closed_loop_with_homing() {
     let mut closed = false;
     for _ in 0..30_000 {
         dut.wait(1.millis());
-        let low = dut.drive().motion.steps(dut.now) < -100_000;
+        let low = dut.drive().motion.shaft().steps(dut.now) < -100_000;
         if low != closed {
             dut.level(IO1, !low);
             closed = low;

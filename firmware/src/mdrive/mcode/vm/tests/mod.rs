@@ -14,6 +14,7 @@ use std::vec::Vec;
 
 use drivetwin_protocol::time::Span;
 
+use super::super::Interpreter;
 use super::super::names::Meaning;
 use crate::device::{Boot, Device, Duration, Input, Instant, Level, Link, Output, Pin};
 use crate::mdrive::drive::Drive;
@@ -84,7 +85,7 @@ impl Dut {
         for (address, line) in (first..).zip(lines) {
             let Fixture { drive: Mdrive { drive, .. }, out, now } = &mut self.fixture;
             let line = line.as_bytes();
-            let statement = drive.parse(line).unwrap();
+            let statement = drive.reader(*now).parse(line).unwrap();
             drive.mcode.store_line(*now, address, line, &statement, out).unwrap();
         }
     }
@@ -106,9 +107,11 @@ impl Dut {
     /// Executes a typed line.
     fn command(&mut self, line: &str) -> Result<(), Error> {
         let Fixture { drive: Mdrive { drive, .. }, out, now } = &mut self.fixture;
-        let done = drive.parse(line.as_bytes()).and_then(|it| drive.execute(*now, &it, false, out));
+        let statement = drive.reader(*now).parse(line.as_bytes());
+        let mut interpreter = Interpreter::new(drive, *now, out);
+        let done = statement.and_then(|it| interpreter.execute(&it, false));
         if let Err(error) = done {
-            drive.fail(*now, error, out);
+            drive.fail(*now, error);
         }
         drive.dispatch_events(*now, out);
         done
@@ -138,7 +141,7 @@ impl Dut {
     }
 
     fn value(&self, reg: Reg) -> i32 {
-        self.drive().read(self.now, reg)
+        self.drive().reader(self.now).read(reg)
     }
 
     /// Values of R1 to R4.

@@ -253,7 +253,7 @@ fn a_distance_without_a_subroutine_pulses() {
     for (n, pulse) in (1..).zip(pulses) {
         let &[(begin, Level::High), (end, Level::Low)] = pulse else { panic!("{pulse:?}") };
         assert_eq!(end.since(begin), Duration::from_ticks(8));
-        let around = [begin - Duration::TICK, begin].map(|at| motion.steps(at));
+        let around = [begin - Duration::TICK, begin].map(|at| motion.shaft().steps(at));
         assert_eq!(around, [start + 1_000 * n - 1, start + 1_000 * n]);
     }
 }
@@ -270,7 +270,7 @@ fn a_position_pulses_at_its_step() {
         panic!("{:?}", dut.trip_output())
     };
     let motion = &dut.drive().motion;
-    assert_eq!([begin - Duration::TICK, begin].map(|at| motion.steps(at)), [-776, -777]);
+    assert_eq!([begin - Duration::TICK, begin].map(|at| motion.shaft().steps(at)), [-776, -777]);
     assert_eq!((dut.value(Reg::TE), dut.value(Reg::PC)), (0, 0));
 }
 
@@ -295,8 +295,8 @@ fn a_distance_is_in_counts_with_the_encoder() {
                 assert!(dut.now < Instant::ZERO + 10.secs());
             };
             let motion = &dut.drive().motion;
-            assert_eq!(motion.counts(there), 500 + sign * 1_000 * count);
-            assert_eq!(motion.counts(there - Duration::TICK), 500 + sign * (1_000 * count - 1));
+            assert_eq!(motion.shaft().counts(there), 500 + sign * 1_000 * count);
+            assert_eq!(motion.shaft().counts(there - Duration::TICK), 500 + sign * (1_000 * count - 1));
         }
         dut.wait(2.secs());
         assert_eq!((dut.value(Reg::R1), dut.value(Reg::TE)), (2, 16), "2,999 are not 3,000");

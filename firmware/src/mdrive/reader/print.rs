@@ -3,15 +3,15 @@
 use drivetwin_protocol::registers::Register;
 use heapless::Vec;
 
-use super::super::drive::{Drive, Model};
-use super::super::error::Error;
-use super::super::registers::{FIRMWARE, HARDWARE, PART_NUMBER, ROWS, Reg, SERIAL_NUMBER};
-use super::super::variables::RATIO_ONE;
-use super::mnemonic::{self, Keyword, Mnemonic};
-use super::names::Meaning;
-use super::parse;
-use super::statement::{List, Operand, Parameter};
-use crate::device::Instant;
+use super::Reader;
+use crate::mdrive::drive::Model;
+use crate::mdrive::error::Error;
+use crate::mdrive::mcode::mnemonic::{self, Keyword, Mnemonic};
+use crate::mdrive::mcode::names::Meaning;
+use crate::mdrive::mcode::parse;
+use crate::mdrive::mcode::statement::{List, Operand, Parameter};
+use crate::mdrive::registers::{FIRMWARE, HARDWARE, PART_NUMBER, ROWS, Reg, SERIAL_NUMBER};
+use crate::mdrive::variables::RATIO_ONE;
 
 /// End of a printed line.
 pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
@@ -32,24 +32,19 @@ enum Item<'a> {
     User(i32),
 }
 
-impl Drive {
+impl Reader<'_> {
     /// Prints the items of PR, and ends the line unless the items end with a semicolon (MC 5-57). Printing ER
     /// clears it.
     ///
     /// # Errors
     /// Error 24, 30, 35, 37: nothing is printed then.
-    pub(in crate::mdrive) fn print(
-        &mut self,
-        at: Instant,
-        items: &[u8],
-        to: &mut dyn Text,
-    ) -> Result<(), Error> {
+    pub(in crate::mdrive) fn print(&mut self, items: &[u8], to: &mut dyn Text) -> Result<(), Error> {
         let items = items.trim_ascii_end();
         let (items, end) = match items.strip_suffix(b";") {
             Some(items) => (items, &b""[..]),
             None => (items, CR_LF),
         };
-        self.print_values(at, items, to)?;
+        self.print_values(items, to)?;
         to.write(end);
         Ok(())
     }
@@ -58,12 +53,7 @@ impl Drive {
     ///
     /// # Errors
     /// As [`Self::print`].
-    pub(in crate::mdrive) fn print_values(
-        &mut self,
-        at: Instant,
-        items: &[u8],
-        to: &mut dyn Text,
-    ) -> Result<(), Error> {
+    pub(in crate::mdrive) fn print_values(&mut self, items: &[u8], to: &mut dyn Text) -> Result<(), Error> {
         let mut rest = items;
         while self.item(&mut rest)?.is_some() {}
         rest = items;
@@ -72,9 +62,9 @@ impl Drive {
                 Item::Text(text) => to.write(text),
                 Item::User(value) => write_number(value, to),
                 Item::List(list) => self.print_list(list, to),
-                Item::Keyword(keyword) => self.print_keyword(at, keyword, to),
+                Item::Keyword(keyword) => self.print_keyword(keyword, to),
                 Item::Variable(reg) => {
-                    self.print_variable(at, reg, to);
+                    self.print_variable(reg, to);
                     self.has_read(reg);
                 }
             }
@@ -125,8 +115,8 @@ impl Drive {
         }
     }
 
-    fn print_variable(&self, at: Instant, reg: Reg, to: &mut dyn Text) {
-        let value = self.read_mcode(at, reg);
+    fn print_variable(&self, reg: Reg, to: &mut dyn Text) {
+        let value = self.read_mcode(reg);
         match reg {
             Reg::CR => {
                 write_number(value / RATIO_ONE, to);
@@ -154,9 +144,9 @@ impl Drive {
         }
     }
 
-    fn print_keyword(&self, at: Instant, keyword: Keyword, to: &mut dyn Text) {
+    fn print_keyword(&self, keyword: Keyword, to: &mut dyn Text) {
         match keyword {
-            Keyword::AL => self.print_all(at, to),
+            Keyword::AL => self.print_all(to),
             Keyword::UV => self.print_user_variables(to),
             Keyword::MD => to.write(self.mcode.vm.last_motion().map_or(b"", name_of)),
             Keyword::PN => to.write(&self.bank.text(PART_NUMBER)),
@@ -172,14 +162,14 @@ impl Drive {
     }
 
     /// AL: all variables and flags, one line each, including MD and VR (MC 5-1). This does not clear ER.
-    fn print_all(&self, at: Instant, to: &mut dyn Text) {
+    fn print_all(&self, to: &mut dyn Text) {
         for (word, mnemonic) in mnemonic::variables(self.bank.variants()) {
             to.write(word.trim_ascii_end());
             to.write(b" = ");
             match mnemonic {
-                Mnemonic::Variable(reg) => self.print_variable(at, reg, to),
+                Mnemonic::Variable(reg) => self.print_variable(reg, to),
                 Mnemonic::List(list) => self.print_list(list, to),
-                Mnemonic::Keyword(keyword) => self.print_keyword(at, keyword, to),
+                Mnemonic::Keyword(keyword) => self.print_keyword(keyword, to),
                 _ => {}
             }
             to.write(CR_LF);

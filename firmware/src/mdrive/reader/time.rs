@@ -1,8 +1,8 @@
 //! Execution times of typed lines: "this varies from command to command and usually is in the 1-5 millisecond
 //! range" (MC 7.1; MDRIVE-34).
 
+use super::Reader;
 use crate::device::Duration;
-use crate::mdrive::drive::Drive;
 use crate::mdrive::mcode::statement::Statement;
 
 /// Time of a line that does nothing, or is refused.
@@ -17,9 +17,9 @@ const LONGEST: Duration = Duration::millis(5);
 /// 19 characters take 19.8 ms of these.
 const ITEM: Duration = Duration::millis(1);
 
-impl Drive {
+impl Reader<'_> {
     /// Time from the end of a typed line to its effect.
-    pub(super) fn execution_time(&self, line: &[u8], programming: bool) -> Duration {
+    pub(in crate::mdrive) fn execution_time(&self, line: &[u8], programming: bool) -> Duration {
         let line = match (self.bank.check_sums(), line.split_last()) {
             (1.., Some((_, line))) => line,
             _ => line,
@@ -40,5 +40,10 @@ impl Drive {
             ) => LONGEST,
             Ok(_) => COMMON,
         }
+    }
+
+    /// Returns true if a line prints something.
+    pub(in crate::mdrive) fn prints(&self, line: &[u8]) -> bool {
+        matches!(self.parse(line), Ok(Statement::Print(_) | Statement::ListProgram(_)))
     }
 }

@@ -2,25 +2,24 @@
 
 use drivetwin_protocol::registers::{Register, Space};
 
-use super::units::CLOSED_MICROSTEPS;
-use super::{RATIO_ONE, entry, is_number, output_bit, step};
-use crate::device::Instant;
-use crate::mdrive::drive::{Drive, Model};
+use super::Reader;
+use crate::mdrive::drive::Model;
 use crate::mdrive::error::Error;
+use crate::mdrive::hybrid::is_in_torque_mode;
+use crate::mdrive::reasons::Why;
 use crate::mdrive::registers::Reg;
+use crate::mdrive::variables::{
+    CLOSED_MICROSTEPS, NO_DELAY_MS, RATIO_ONE, entry, is_number, output_bit, step,
+};
 
-/// The value that HT does not take: it is 0 or at least 2 ms (MC 5-32).
-pub(super) const NO_DELAY_MS: i32 = 1;
-
-impl Drive {
+impl Reader<'_> {
     /// Checks that a variable may be set to `value`. `as_is` gives the values of other variables: the present
     /// ones, or those that the same request sets.
     ///
     /// # Errors
-    /// As [`Self::write`].
+    /// Error 21, 22, 23 or 25, or an error of the drive's state.
     pub(in crate::mdrive) fn validate(
         &self,
-        at: Instant,
         reg: Reg,
         value: i32,
         as_is: &dyn Fn(Reg) -> i32,
@@ -45,10 +44,10 @@ impl Drive {
                 // A value that the same request writes to a later register does not apply yet.
                 let stored =
                     if counted.row() < reg.row() { as_is(counted) } else { self.bank.stored(counted) };
-                let value = self.counted(at, counted, step(reg), stored)?;
-                self.validate(at, counted, value, as_is)
+                let value = self.counted(counted, step(reg), stored)?;
+                self.validate(counted, value, as_is)
             }
-            Reg::TE => self.mcode.trips.validate(value, &self.bank),
+            Reg::TE => self.mcode.trips.validate(value, self.bank),
             // "Once the default character has been changed it can not be reset" (MC 5-20).
             Reg::DN if value != self.bank.stored(Reg::DN) && !is_name(value.into()) => {
                 Err(Error::IllegalValue)
@@ -62,18 +61,13 @@ impl Drive {
         }
     }
 
-    /// Returns true if anything moves. S, SC, CF, MS and similar commands are refused then.
-    pub(in crate::mdrive) fn is_in_motion(&self) -> bool {
-        self.motion.is_moving() || self.hybrid.turns()
-    }
-
     /// Returns true if a write makes a Hybrid calibrate (FB 5.1, CA).
     pub(in crate::mdrive) fn calibrates(&self, reg: Reg, value: i32) -> bool {
         let calibrates = match reg {
             Reg::AS => self.bank.stored(reg) == 0 && value != 0,
             // "Bridge is re-enabled after being disabled" (MC 5-9), also if heat or a locked rotor has
             // disabled it (MDRIVE-31).
-            Reg::DE => !self.hybrid.has_bridge(&self.bank) && value != 0,
+            Reg::DE => !self.hybrid.has_bridge(self.bank) && value != 0,
             Reg::MS => value != self.bank.stored(reg),
             // EE = 1 changes MS to 256.
             Reg::EE => value != 0 && self.bank.stored(Reg::MS) != CLOSED_MICROSTEPS,
@@ -102,12 +96,33 @@ impl Drive {
 
     /// Computes the value of a variable after counting. `stored` is the value before, for variables that are
     /// not computed when read.
-    pub(super) fn counted(&self, at: Instant, reg: Reg, by: i32, stored: i32) -> Result<i32, Error> {
+    pub(in crate::mdrive) fn counted(&self, reg: Reg, by: i32, stored: i32) -> Result<i32, Error> {
         if !is_countable(reg) {
             return Err(Error::NotCountable);
         }
-        let value = if entry(reg).live { self.read(at, reg) } else { stored };
+        let value = if entry(reg).live { self.read(reg) } else { stored };
         Ok(value.wrapping_add(if reg == Reg::CR { by * RATIO_ONE } else { by }))
+    }
+
+    /// Returns the reason if a value that has been stored has no effect now. `changes` is true if it differs
+    /// from the value before.
+    pub(in crate::mdrive) fn has_effect(&self, reg: Reg, changes: bool) -> Result<(), Why> {
+        let is = |value| self.bank.stored(reg) == value;
+        match reg {
+            Reg::A | Reg::D | Reg::VI | Reg::VM if changes => {
+                self.motion.activity().needs_rates(reg == Reg::VM)
+            }
+            Reg::HT if is(0) => Err(Why::NeverHolds),
+            Reg::RC | Reg::HC if self.hybrid.has_torque() => Err(Why::TorqueCurrent),
+            Reg::HC if self.motion.never_holds() => Err(Why::NoHolding),
+            Reg::DE if is(1) => self.hybrid.needs_bridge(self.bank),
+            Reg::AS if is_in_torque_mode(self.bank) => {
+                self.hybrid.needs_bridge(self.bank)?;
+                if self.motion.is_moving() { Err(Why::TorqueAtRest) } else { Ok(()) }
+            }
+            Reg::TD if changes && self.hybrid.has_torque() => Err(Why::TorqueBegan),
+            _ => Ok(()),
+        }
     }
 }
 
