@@ -26,7 +26,7 @@ struct Work {
     name: &'static str,
     port: Port,
     message: fn() -> Vec<u8>,
-    /// The maximum velocity in steps per second, 768,000 by default, low word first; the position, 0 (MCode manual 5).
+    /// The maximum velocity in steps per second, 768,000 by default, high word first; the position, 0 (MCode manual 5).
     answer: &'static [u8],
 }
 
@@ -35,9 +35,9 @@ const WORKS: [Work; 2] = [
         name: "Modbus/TCP, 2 registers",
         port: MODBUS,
         message: || tcp::read(Header { transaction: 7, unit: 1 }, 0x8B, 2).to_vec(),
-        answer: &[0, 7, 0, 0, 0, 7, 1, 3, 4, 0xB8, 0x00, 0x00, 0x0B],
+        answer: &[0, 7, 0, 0, 0, 7, 1, 3, 4, 0x00, 0x0B, 0xB8, 0x00],
     },
-    Work { name: "MCode, PR P", port: MCODE, message: || b"PR P\r\n".to_vec(), answer: b"PR P\r\n0\r\n" },
+    Work { name: "MCode, PR P", port: MCODE, message: || b"PR P\r\n".to_vec(), answer: b"PR P\r\n0\r\n>" },
 ];
 
 /// A context with an erased memory. It stores what the drive sends.
