@@ -185,7 +185,7 @@ impl Functions {
 #[derive(Clone, Debug)]
 pub(super) struct Io {
     functions: Functions,
-    /// Levels of the pins in [`BITS`], as bits of `IOPortData`.
+    /// Levels of the pins of [`BITS`], as bits of `IOPortData`.
     levels: u8,
     /// Inputs that were active when they were last polled.
     active: u8,

@@ -1,6 +1,6 @@
 //! The drive itself: its modules and the events between them.
 //!
-//! | file | content |
+//! | file | contents |
 //! |---|---|
 //! | `registers` | the table of variables |
 //! | `variables` | stored values, writing variables |
@@ -188,7 +188,7 @@ impl Drive {
             }
         }
         self.update_hybrid(at, out);
-        // Whatever has changed PY.
+        // Any of the events may have changed PY.
         self.mcode.consoles.set_party(self.bank.is_party());
         let plan_changed = self.motion.shaft_mut().has_changed();
         if plan_changed || self.io.wants_plan() {

@@ -32,7 +32,7 @@ pub(super) enum Event {
     NoAlarm,
 }
 
-/// What the reference works with during an event.
+/// The instant of an event, and the parts of the drive that the reference reads or changes.
 pub(super) struct Environment<'a> {
     pub(super) at: Instant,
     pub(super) bank: &'a Words,

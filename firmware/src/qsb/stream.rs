@@ -192,7 +192,12 @@ impl Streams {
             0 => waiting,
             turn => turn,
         };
-        let (reg, value) = STREAMS.into_iter().zip(values).find(|(reg, _)| turn & bit(*reg) != 0)?;
+        let found = STREAMS.into_iter().zip(values).find(|(reg, _)| turn & bit(*reg) != 0);
+        let Some((reg, value)) = found else {
+            // In this instant the values have become again those that were sent last.
+            self.note_changed(at, false);
+            return None;
+        };
         let others = waiting & !bit(reg);
         self.round_robin = if others == 0 { 0 } else { waiting & !turn | bit(reg) };
         self.note_changed(at, others & !ENCODER != 0);

@@ -9,7 +9,7 @@ use crate::device::{Context, Instant};
 /// Direction of a start.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Heading {
-    /// As selected by DIRECTION or by the sign of OFFSET.
+    /// The direction that DIRECTION or the sign of OFFSET selects.
     Registers,
     /// Forward, selected by IN1 in mode 5 of MODE_EXT_IN.
     Forward,

@@ -176,6 +176,16 @@ fn mode_0111_jogs_either_way() {
 }
 
 #[test]
+fn a_new_function_sees_the_levels_of_its_own_polarity() {
+    let mut dut = in_mode(0b1111);
+    dut.pin(5, false);
+    // One write: mode 0111, and pin 4, which is open and therefore high, becomes active high. From rest, pin 4 decides.
+    dut.preset(Reg::PinFunctionAndPolarity, 0b0111 << 4 | 0b0010);
+    dut.run_until(1.secs());
+    assert_eq!(dut.speed().to_num::<i32>(), 5_000);
+}
+
+#[test]
 fn a_stop_ends_a_jog_of_the_pins_until_the_next_edge() {
     let mut dut = in_mode(0b0110);
     dut.pin(4, false);

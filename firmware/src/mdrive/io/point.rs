@@ -208,7 +208,7 @@ impl Point {
         self.timeout(at)
     }
 
-    /// As [`Self::start`], but the present level takes effect at once.
+    /// Like [`Self::start`], but the present level takes effect at once.
     pub(super) fn load(&mut self, at: Instant, pin: Pin, out: &mut dyn Context) {
         self.drive(at, pin, out);
         self.settles = Instant::NEVER;

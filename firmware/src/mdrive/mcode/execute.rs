@@ -179,7 +179,7 @@ impl Interpreter<'_> {
     /// Prints the items of PR on these connections.
     ///
     /// # Errors
-    /// As [`Reader::print`](crate::mdrive::reader::Reader::print).
+    /// Those of [`Reader::print`](crate::mdrive::reader::Reader::print).
     pub(super) fn print_on(&mut self, links: Vec<Link, MAX_CONNECTIONS>, items: &[u8]) -> Result<(), Error> {
         let mut writer = MessageWriter::new(self.at, links, self.drive.bank.check_sums() != 0, self.out);
         self.drive.read(self.at, |reader| reader.print(items, &mut writer))?;
@@ -260,7 +260,7 @@ impl Interpreter<'_> {
     /// Computes an expression. Reading ER clears it.
     ///
     /// # Errors
-    /// As [`Reader::evaluate`](crate::mdrive::reader::Reader::evaluate).
+    /// Those of [`Reader::evaluate`](crate::mdrive::reader::Reader::evaluate).
     fn evaluate(&mut self, expression: &Expression<'_>) -> Result<i32, Error> {
         self.drive.read(self.at, |reader| reader.evaluate(expression))
     }

@@ -73,7 +73,7 @@ impl Names {
     /// Sets a user variable.
     ///
     /// # Errors
-    /// As [`unknown`] if the name does not exist, 32 if it is a label.
+    /// That of [`unknown`] if the name does not exist, 32 if it is a label.
     pub(in crate::mdrive) fn set(&mut self, name: Name, value: i32) -> Result<(), Error> {
         match self.list.iter_mut().find(|(known, _)| *known == name) {
             None => Err(unknown(&name)),

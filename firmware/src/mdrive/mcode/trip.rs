@@ -171,8 +171,7 @@ impl Trips {
     ///
     /// # Errors
     /// Error 12 for a source that is not an input, 21 above 63, 27 for a trip that is not defined, 39 for 2
-    /// and 16 together; nothing has changed then. The
-    /// inner error is the reason why other trips are enabled, too.
+    /// and 16 together; nothing has changed then. The inner error is the reason why other trips are enabled, too.
     pub(in crate::mdrive) fn enable(
         &mut self,
         at: Instant,
@@ -195,7 +194,7 @@ impl Trips {
     /// Checks that TE may have this value.
     ///
     /// # Errors
-    /// As [`Self::enable`].
+    /// Those of [`Self::enable`].
     pub(in crate::mdrive) fn validate(&self, mask: i32, registers: &Registers) -> Result<(), Error> {
         let both = i32::from(Trip::Position.bit() | Trip::Relative.bit());
         if !(0..1 << ALL.len()).contains(&mask) {

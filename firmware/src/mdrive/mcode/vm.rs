@@ -225,7 +225,7 @@ impl Vm {
     /// RS: resumes the program.
     ///
     /// # Errors
-    /// It is not paused.
+    /// The program is not paused.
     pub(super) fn resume(&mut self, at: Instant) -> Result<(), Why> {
         let since = self.paused.take().ok_or(Why::NotPaused)?;
         self.shift(at.since(since));

@@ -24,7 +24,7 @@ pub(super) enum Brake {
     Ramp { at_once: bool },
     /// Without a ramp.
     Halt,
-    /// As LM says: with a ramp, or at the next whole step. The stop is at a whole step because a shaft that fell
+    /// With a ramp, or at the next whole step: LM selects it. The stop is at a whole step because a shaft that fell
     /// back by a part of a step could leave the limit again (MDRIVE-20).
     AtLimit,
 }

@@ -29,7 +29,7 @@ impl Reader<'_> {
     /// Value of an operand in thousandths, the unit in which CR is stored.
     ///
     /// # Errors
-    /// As [`Self::operand`].
+    /// Those of [`Self::operand`].
     fn thousandths(&mut self, operand: Operand) -> Result<i64, Error> {
         match operand {
             Operand::Ratio(thousandths) => Ok(thousandths.into()),
@@ -75,7 +75,7 @@ impl Reader<'_> {
     /// Computes an expression in thousandths. A value that does not fit in 32 bits becomes `i32::MAX`.
     ///
     /// # Errors
-    /// As [`Self::evaluate`].
+    /// Those of [`Self::evaluate`].
     pub(in crate::mdrive) fn evaluate_ratio(&mut self, expression: &Expression<'_>) -> Result<i32, Error> {
         Ok(i32::try_from(self.compute(expression, true)?).unwrap_or(i32::MAX))
     }
@@ -83,7 +83,7 @@ impl Reader<'_> {
     /// Returns true if a condition is not 0.
     ///
     /// # Errors
-    /// As [`Self::evaluate`].
+    /// Those of [`Self::evaluate`].
     pub(in crate::mdrive) fn holds(&mut self, condition: &Expression<'_>) -> Result<bool, Error> {
         Ok(self.compute(condition, condition.is_ratio())? != 0)
     }

@@ -52,7 +52,7 @@ impl Reader<'_> {
     /// Prints texts and values. Commas or blanks separate them in `items`; nothing is printed between them.
     ///
     /// # Errors
-    /// As [`Self::print`].
+    /// Those of [`Self::print`].
     pub(in crate::mdrive) fn print_values(&mut self, items: &[u8], to: &mut dyn Text) -> Result<(), Error> {
         let mut rest = items;
         while self.item(&mut rest)?.is_some() {}

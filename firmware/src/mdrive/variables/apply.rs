@@ -32,7 +32,7 @@ impl Drive {
     /// nearest and not lower.
     ///
     /// # Errors
-    /// As [`Self::write`].
+    /// Those of [`Self::write`].
     pub(in crate::mdrive) fn write_mcode(
         &mut self,
         at: Instant,
@@ -184,7 +184,7 @@ impl Drive {
     /// Executes SC, or CF if `clears` is true: starts a calibration.
     ///
     /// # Errors
-    /// As [`Self::calibrate`].
+    /// Those of [`Self::calibrate`].
     pub(in crate::mdrive) fn calibrate_by_command(
         &mut self,
         at: Instant,

@@ -25,7 +25,7 @@ mod input_type {
 /// The greatest step number, which selects full scale.
 const STEPS: u16 = 7;
 
-/// What follows from an input.
+/// Consequence of an input.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) enum Change {
     Nothing,

@@ -233,3 +233,21 @@ fn edges_that_the_filter_holds_back_count_before_a_capture() {
     dut.input(at, Input::Edge { pin: DIO0, high: true });
     assert_eq!(dut.ask("R05"), "r 05 00000004 !");
 }
+
+#[test]
+fn a_pulse_that_ends_when_the_line_becomes_free_gives_no_record() {
+    let mut dut = about_to_match("1");
+    dut.ask("S01");
+    dut.turn(3);
+    dut.hear(b"R0C\rR0C\rR0C\rR0C\r");
+    let (begun, text) = dut.texts().last().unwrap().clone();
+    // CR and LF follow each text.
+    let free = begun + dut.character * (text.len() as u64 + 2);
+    let from = dut.out.levels.len();
+    // The filter delays the edge by two ticks.
+    dut.run_until(free - TICK - Duration::from_ticks(2));
+    dut.pin(B, true);
+    dut.run_until(free + 10.millis());
+    assert_eq!(dut.levels(DIO0, from), [(free - TICK, Level::Low), (free, Level::Float)]);
+    assert_eq!(dut.texts(), [], "the port has the value that was sent last");
+}
