@@ -992,9 +992,16 @@ pub(crate) fn wake<D: Device + ?Sized>(
     inclusive: bool,
     out: &mut dyn Context,
 ) -> Instant {
+    let mut calls_at_once = 0_u32;
     while due < now || (due == now && inclusive && due != Instant::NEVER) {
         device.timeout(due, out);
-        due = device.deadline();
+        let next = device.deadline();
+        calls_at_once = if next > due { 0 } else { calls_at_once.wrapping_add(1) };
+        debug_assert!(
+            calls_at_once < 1_000_000,
+            "the deadline {due:?} is set again and again, so time cannot advance"
+        );
+        due = next;
     }
     due
 }
