@@ -86,7 +86,9 @@ fn script() -> impl Strategy<Value = Vec<(u64, i32, u32)>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 64, max_shrink_iters: 500, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 64, max_shrink_iters: 500, max_global_rejects: 100_000, ..ProptestConfig::default()
+    })]
 
     /// The speed is right within 1 % of the fastest speed so far, and the distance within 1 % of the distance
     /// at that speed.
