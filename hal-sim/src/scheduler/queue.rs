@@ -69,7 +69,7 @@ impl<T> Queue<T> {
         self.events.push(Reverse(Event { key, target, kind }));
     }
 
-    /// Schedules an event again that was taken, with another rank and target.
+    /// Puts back an event that was taken, with another rank and target.
     pub(crate) fn put_back(&mut self, event: Event<T>) {
         self.events.push(Reverse(event));
     }
