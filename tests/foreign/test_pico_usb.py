@@ -208,6 +208,10 @@ def test_a_rack_has_the_board_beside_an_emulated_drive(things, tmp_path):
     # IOPortData (0x0A, 7.9) has the low input.
     registers = master.read_registers(0, 32)
     assert [n for n in range(32) if registers[n] != DEFAULTS[n]] == [0x0A]
+    # A board without power reports nothing: its events have to arrive before.
+    deadline = time.monotonic() + PATIENCE
+    while b"> rx 01 03 00 00 00 20" not in rack.call("GET", "/api/trace")[1]:
+        assert time.monotonic() < deadline, "the board does not report the request"
     # The board loses its power while the bench runs, and is back.
     pico.world("power off")
     pico.world("power on")
