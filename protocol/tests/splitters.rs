@@ -313,12 +313,25 @@ fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, DropReason>> {
     heard.collect()
 }
 
+/// Returns true if by chance a CRC also holds from the begin of a request to a byte within a later one. Without silences
+/// nothing tells then where a request of an unlisted function ends.
+fn is_ambiguous(requests: &[Vec<u8>]) -> bool {
+    (0..requests.len()).any(|first| {
+        let (request, later) = (&requests[first], requests[first + 1..].concat());
+        let stream = [request.as_slice(), &later].concat();
+        let ends: Vec<usize> =
+            (first..=requests.len()).map(|end| requests[first..end].concat().len()).collect();
+        (request.len()..stream.len()).any(|end| !ends.contains(&end) && verify_crc(&stream[..end]).is_some())
+    })
+}
+
 proptest! {
     #[test]
     fn requests_are_cut_at_the_silences_of_a_drive(
         requests in prop::collection::vec(request(), 1..5), reads in reads(),
     ) {
         let stream = requests.concat();
+        prop_assume!(!is_ambiguous(&requests));
         let silences = with_silences(&requests);
         let host = of_host(RTU, &split(&stream, &reads), Expect::Requests);
         prop_assert_eq!(with_silences(&host), silences, "{:02x?}", requests);

@@ -820,6 +820,8 @@ mod tests {
             prop_assert_eq!(frames(&request, &reads, Requests), std::slice::from_ref(&request));
             prop_assert_eq!(frames(&request, &[length], Requests), std::slice::from_ref(&request));
             let both = [request.as_slice(), &behind].concat();
+            // By chance the CRC may also hold at a later byte. Then nothing tells where the request ends.
+            prop_assume!((request.len() + 1..both.len()).all(|end| verify_crc(&both[..end]).is_none()));
             prop_assert_eq!(frames(&both, &reads, Requests), [request, behind]);
         }
     }
