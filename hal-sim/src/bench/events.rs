@@ -11,25 +11,53 @@ use crate::record::trace::InputRecord;
 use crate::slot::PinStimulus;
 
 /// Characters that the ports of a line receive at the same instant, one after the other in the order of their drives.
+/// If characters take no time, each port then detects the end of the frame.
 #[derive(Debug)]
 pub(crate) struct Heard {
-    pub(crate) bytes: Arc<[u8]>,
-    pub(crate) receivers: Arc<[(DriveId, Port)]>,
-    /// Index of the next receiver.
-    pub(crate) next: usize,
+    bytes: Arc<[u8]>,
+    receivers: Arc<[(DriveId, Port)]>,
     /// The port that does not receive them.
-    pub(crate) except: Option<(DriveId, Port)>,
-    /// True if a drive of the line sends them.
-    pub(crate) overheard: bool,
+    except: Option<(DriveId, Port)>,
+    /// Time at which a drive of the line began to send them; `None` if a client sends them.
+    pub(crate) began: Option<Instant>,
+    /// True if each port detects the end of the frame at the same instant.
+    ends: bool,
+    /// Index of the next receiver.
+    next: usize,
+    /// True if the next receiver has the characters already.
+    has_bytes: bool,
 }
 
 impl Heard {
-    /// The next receiver.
-    pub(crate) fn receiver(&mut self) -> Option<(DriveId, Port)> {
+    /// Characters for all `receivers` but one.
+    pub(crate) fn new(
+        bytes: Arc<[u8]>,
+        receivers: Arc<[(DriveId, Port)]>,
+        except: Option<(DriveId, Port)>,
+        began: Option<Instant>,
+        ends: bool,
+    ) -> Self {
+        Self { bytes, receivers, except, began, ends, next: 0, has_bytes: false }
+    }
+
+    /// The drive that receives next, and its input.
+    pub(crate) fn first(&mut self) -> Option<(DriveId, InputRecord)> {
         if self.except.is_some() && self.receivers.get(self.next).copied() == self.except {
             self.next += 1;
         }
-        self.receivers.get(self.next).copied()
+        let &(drive, port) = self.receivers.get(self.next)?;
+        let bytes = &self.bytes;
+        let end = InputRecord::Idle { port };
+        Some((
+            drive,
+            if self.has_bytes { end } else { InputRecord::Bytes { port, bytes: Arc::clone(bytes) } },
+        ))
+    }
+
+    /// Removes the [first](Self::first) input.
+    pub(crate) fn pop(&mut self) {
+        self.has_bytes = self.ends && !self.has_bytes;
+        self.next += usize::from(!self.has_bytes);
     }
 }
 

@@ -212,6 +212,11 @@ pub struct Bench {
     deadlines: Tournament,
     /// True if `order`, `ranks` and `deadlines` are up to date.
     indexed: bool,
+    /// True while characters are delivered to the drives of a line.
+    hears: bool,
+    /// True to schedule an event for each drive of a line, for a test that the traces are equal.
+    #[cfg(test)]
+    one_by_one: bool,
     scheduled: Queue<EventKind>,
     /// Erased memories by their size; drives share them.
     erased: BTreeMap<u16, Arc<[u8]>>,
@@ -276,6 +281,9 @@ impl Bench {
             ranks: Vec::new(),
             deadlines: Tournament::new(&[]),
             indexed: true,
+            hears: false,
+            #[cfg(test)]
+            one_by_one: false,
             scheduled: Queue::default(),
             erased: BTreeMap::new(),
             wires: Vec::new(),
@@ -617,7 +625,12 @@ impl Bench {
     /// Handles the results of a call of a drive: its deadline, and what [follows](Self::follow_call).
     fn finish_call(&mut self, index: u32) {
         if self.indexed {
-            self.deadlines.set(self.ranks[index as usize], self.slots[index as usize].deadline());
+            let (rank, deadline) = (self.ranks[index as usize], self.slots[index as usize].deadline());
+            if self.hears {
+                self.deadlines.set_uncompared(rank, deadline);
+            } else {
+                self.deadlines.set(rank, deadline);
+            }
         }
         self.follow_call(index);
     }
@@ -685,8 +698,16 @@ impl Bench {
         self.schedule(at, Phase::of(&input), index, EventKind::Input(input));
     }
 
+    /// Delivers what another drive of the line began to send at `began`. If characters take no time, a drive that began
+    /// to send at the same instant is still sending, and receives nothing.
+    fn overhear(&mut self, index: u32, input: &InputRecord, began: Instant) {
+        if !(self.fast() && self.slots[index as usize].began(input) == Some(began)) {
+            self.deliver_overheard(index, input);
+        }
+    }
+
     /// Delivers what another drive of the line sends.
-    fn overhear(&mut self, index: u32, input: &InputRecord) {
+    fn deliver_overheard(&mut self, index: u32, input: &InputRecord) {
         self.slots[index as usize].state.reception.overhears = true;
         self.deliver(index, input);
         self.slots[index as usize].state.reception.overhears = false;
@@ -694,23 +715,22 @@ impl Bench {
 
     /// Delivers characters to the ports of a line, in the order that events of their own would have.
     fn hear(&mut self, key: EventKey, mut heard: Heard) {
-        while let Some((drive, port)) = heard.receiver() {
+        // New deadlines come after these characters, so they are compared once for all drives.
+        self.hears = true;
+        while let Some((drive, input)) = heard.first() {
             let key = EventKey { rank: self.ranks[drive.0 as usize], ..key };
-            if self.scheduled.first().is_some_and(|first| *first < key) || self.deadlines.first().0 < key.at {
-                return self.scheduled.put_back(Event {
-                    key,
-                    target: drive.0,
-                    kind: EventKind::Heard(heard),
-                });
+            if self.scheduled.first().is_some_and(|first| *first < key) {
+                self.scheduled.put_back(Event { key, target: drive.0, kind: EventKind::Heard(heard) });
+                break;
             }
-            let input = InputRecord::Bytes { port, bytes: Arc::clone(&heard.bytes) };
-            if heard.overheard {
-                self.overhear(drive.0, &input);
-            } else {
-                self.deliver(drive.0, &input);
+            match heard.began {
+                None => self.deliver(drive.0, &input),
+                Some(began) => self.overhear(drive.0, &input, began),
             }
-            heard.next += 1;
+            heard.pop();
         }
+        self.hears = false;
+        self.deadlines.compare();
     }
 
     /// Handles an event.
@@ -718,17 +738,11 @@ impl Bench {
         match event.kind {
             EventKind::Input(input) => self.deliver(event.target, &input),
             EventKind::Heard(heard) => self.hear(event.key, heard),
-            EventKind::Overheard { input, began } => {
-                // If characters take no time, a drive that began to send at the same instant is still
-                // sending.
-                if !(self.fast() && self.slots[event.target as usize].began(&input) == Some(began)) {
-                    self.overhear(event.target, &input);
-                }
-            }
+            EventKind::Overheard { input, began } => self.overhear(event.target, &input, began),
             EventKind::MayCollide { input, number, overheard } => {
                 let input = self.exposed(event.target, input, number);
                 if overheard {
-                    self.overhear(event.target, &input);
+                    self.deliver_overheard(event.target, &input);
                 } else {
                     self.deliver(event.target, &input);
                 }

@@ -44,6 +44,14 @@ impl Origin {
         }
     }
 
+    /// Time at which a drive began to send the characters.
+    fn began(self) -> Option<Instant> {
+        match self {
+            Self::Client(_) => None,
+            Self::Drive(_, began) => Some(began),
+        }
+    }
+
     /// Event that delivers an input to a drive.
     fn carries(self, input: InputRecord) -> EventKind {
         match self {
@@ -198,27 +206,31 @@ impl Bench {
         burst: TxBurst<'_>,
         except: Option<(DriveId, Port)>,
     ) -> bool {
+        #[cfg(test)]
+        if self.one_by_one {
+            return false;
+        }
         let TxBurst { bytes, unreadable, origin, number } = burst;
         let ports = &self.buses[bus as usize].ports;
         let [first, others @ ..] = &**ports else { return false };
-        if others.is_empty() || bytes.is_empty() || !unreadable.is_empty() || number.is_some() || self.fast()
-        {
+        if others.is_empty() || bytes.is_empty() || !unreadable.is_empty() || number.is_some() {
             return false;
         }
-        let settings = |&(drive, port): &(DriveId, Port)| {
-            self.at(drive).serial(port).filter(|serial| serial.framed).map(|serial| serial.line_at(start))
+        let ends = self.fast();
+        let state = |&(drive, port): &(DriveId, Port)| {
+            let slot = self.at(drive);
+            let serial = slot.serial(port).filter(|serial| serial.framed)?;
+            Some((serial.line_at(start), if ends { slot.free(start, Phase::Line) } else { start }))
         };
-        let Some(line) = settings(first) else { return false };
+        let Some((line, free)) = state(first) else { return false };
         let is_whole = origin.fits(line) && !ascii::is_on(line);
-        if !is_whole || others.iter().any(|other| settings(other) != Some(line)) {
+        if !is_whole || others.iter().any(|other| state(other) != Some((line, free))) {
             return false;
         }
-        let overheard = matches!(origin, Origin::Drive(..));
-        let mut heard =
-            Heard { bytes: bytes.into(), receivers: Arc::clone(ports), next: 0, except, overheard };
-        if let Some((drive, _)) = heard.receiver() {
-            let end = self.first_ends(start, origin.settings_on(line).character());
-            self.schedule(end, Phase::Line, drive.0, EventKind::Heard(heard));
+        let at = if ends { free } else { self.first_ends(start, origin.settings_on(line).character()) };
+        let mut heard = Heard::new(bytes.into(), Arc::clone(ports), except, origin.began(), ends);
+        if let Some((drive, _)) = heard.first() {
+            self.schedule(at, Phase::Line, drive.0, EventKind::Heard(heard));
         }
         true
     }

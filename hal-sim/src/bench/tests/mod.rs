@@ -9,6 +9,7 @@ mod motors;
 mod names;
 mod received;
 mod recordings;
+mod shared_lines;
 mod tcp;
 mod tcp_faults;
 

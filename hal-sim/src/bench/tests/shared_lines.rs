@@ -1,0 +1,90 @@
+//! One event for all drives of a line makes the trace that an event for each drive makes.
+
+use super::*;
+use crate::bench::PowerAction;
+
+/// Action on a bench.
+#[derive(Clone, Debug)]
+enum Act {
+    /// A client sends a frame, or its first bytes.
+    Send { client: usize, address: u8, request: usize, kept: usize },
+    /// The power of a drive changes.
+    Power(usize, PowerAction),
+    /// The level of pin J2.4 of a drive changes.
+    Pin(usize, PinStimulus),
+    /// The address of the first drive changes by a preset.
+    Address(i64),
+}
+
+fn act() -> impl Strategy<Value = (u64, Act)> {
+    let kept = prop_oneof![9 => Just(8_usize), 1 => 0..8_usize];
+    let send = (0..2_usize, 0..6_u8, 0..4_usize, kept)
+        .prop_map(|(client, address, request, kept)| Act::Send { client, address, request, kept });
+    let power = prop_oneof![Just(PowerAction::Off), Just(PowerAction::On), Just(PowerAction::Cycle)];
+    let level = prop_oneof![Just(PinStimulus::Low), Just(PinStimulus::Open)];
+    let act = prop_oneof![
+        12 => send,
+        1 => (0..5_usize, power).prop_map(|(drive, power)| Act::Power(drive, power)),
+        2 => (0..5_usize, level).prop_map(|(drive, level)| Act::Pin(drive, level)),
+        1 => (1..6_i64).prop_map(Act::Address),
+    ];
+    // Many times meet those of the line: after a frame, a silence, a tick.
+    let wait = prop_oneof![
+        3 => Just(0),
+        1 => Just(1),
+        1 => Just(EIGHT.ticks()),
+        1 => Just((EIGHT + T3_5).ticks()),
+        3 => Just(400_000),
+        3 => 0..400_000_u64,
+    ];
+    (wait, act)
+}
+
+/// The trace of five MD3s with these addresses on one line.
+fn trace(acts: &[(u64, Act)], mode: LineMode, addresses: [i64; 5], one_by_one: bool) -> String {
+    let mut bench = Bench::with(Settings { line: mode, ..Settings::default() });
+    bench.one_by_one = one_by_one;
+    let drives = ["c", "a", "e", "b", "d"].into_iter().zip(addresses);
+    let drives: Vec<DriveId> = drives.map(|(name, address)| md3(&mut bench, name, address)).collect();
+    let ports: Vec<(DriveId, Port)> = drives.iter().map(|&drive| (drive, RS485)).collect();
+    let line = bench.share("line", &ports);
+    let clients = [bench.connect(line), bench.connect(line)];
+    bench.run_until(start());
+    for &(wait, ref act) in acts {
+        bench.run_until(bench.now() + Duration::from_ticks(wait));
+        match *act {
+            Act::Send { client, address, request, kept } => {
+                let move_on_edge = rtu::write(address, 0x09, 1 << 4);
+                let frames = [
+                    rtu::read(address, 0, 3),
+                    rtu::write(address, 0x11, 1),
+                    rtu::read(address, 0x7F, 1),
+                    move_on_edge,
+                ];
+                bench.send(clients[client], &frames[request][..kept]);
+            }
+            Act::Power(drive, power) => bench.power(drives[drive], power),
+            Act::Pin(drive, level) => bench.set_pin(drives[drive], Pin(2), level),
+            // A drive without power refuses it.
+            Act::Address(address) => {
+                let _ = bench.poke(drives[0], Reg::DeviceAddress as usize, address);
+            }
+        }
+    }
+    bench.run_until(bench.now() + 50.millis());
+    bench.trace().to_text()
+}
+
+proptest! {
+    #[test]
+    fn one_event_for_a_line_is_as_one_for_each_drive(
+        acts in proptest::collection::vec(act(), 0..20),
+        fast in any::<bool>(),
+        // Drives with the same address may answer each other's replies, so at most two have the same.
+        other in 1..5_i64,
+    ) {
+        let mode = if fast { LineMode::Fast } else { LineMode::Timed };
+        let [one, many] = [true, false].map(|one_by_one| trace(&acts, mode, [1, 2, 3, 4, other], one_by_one));
+        prop_assert_eq!(one, many);
+    }
+}
