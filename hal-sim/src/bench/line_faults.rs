@@ -46,7 +46,7 @@ impl Bench {
         let serial_line = &mut self.buses[bus.0 as usize];
         if may != serial_line.collisions.is_some() {
             serial_line.collisions =
-                may.then(|| CollisionTracker::new(self.settings.seed, &serial_line.name));
+                may.then(|| Box::new(CollisionTracker::new(self.settings.seed, &serial_line.name)));
         }
     }
 
@@ -90,7 +90,7 @@ impl Bench {
         let serial_line = &mut self.buses[bus as usize];
         let count = request.text.bytes.len();
         let fate = serial_line.disturbance.request(count, content.as_ref(), refusal.is_some());
-        serial_line.asked = content;
+        serial_line.asked = content.map(Box::new);
         let Some(fate) = fate else { return request };
         let (text, effects) = (fate.apply(line, &request.text.bytes), fate.effects());
         // Drives see a Modbus ASCII message only between its colon and its line feed.

@@ -112,8 +112,8 @@ impl Bench {
         let source = self.at_mut(from.0);
         let mut first = false;
         if let Some(state) = source.pin_mut(from.1) {
-            first = state.drives_wires.is_empty();
-            state.drives_wires.push(wire);
+            first = state.drives_wires().is_empty();
+            state.connect_output(wire);
         }
         if let Some(axis) = source.axis_at(from.1) {
             source.listen(now, axis);
@@ -133,7 +133,7 @@ impl Bench {
         let outputs = self.drives().flat_map(|drive| {
             let pins = (0..).map(Pin).zip(&self.at(drive).state.pins);
             pins.flat_map(move |(pin, state)| {
-                state.drives_wires.iter().map(move |&wire| (WireOutput::Pin(drive, pin), wire))
+                state.drives_wires().iter().map(move |&wire| (WireOutput::Pin(drive, pin), wire))
             })
         });
         let outputs = outputs.chain(self.shaft_wires());
@@ -183,7 +183,7 @@ impl Bench {
         let wire = u32::try_from(self.wires.len()).expect("a bench has room for four billion wires");
         let name = self.name(to.0).to_owned();
         let state = self.at_mut(to.0).pin_mut(to.1);
-        state.unwrap_or_else(|| panic!("{name} has no pin {}", to.1.0)).driven_by.push(wire);
+        state.unwrap_or_else(|| panic!("{name} has no pin {}", to.1.0)).connect_input(wire);
         self.wires.push(PinWire { to, level: Level::Float });
         wire
     }
@@ -214,7 +214,7 @@ impl Bench {
 
     /// The wire with number `n` of those from a pin; `None` after the last one.
     fn wire_of(&self, index: u32, pin: Pin, n: usize) -> Option<u32> {
-        self.slots[index as usize].pin(pin)?.drives_wires.get(n).copied()
+        self.slots[index as usize].pin(pin)?.drives_wires().get(n).copied()
     }
 
     /// Handles a level that reaches the end of a wire.
@@ -230,7 +230,7 @@ impl Bench {
         *end = level;
         let (drive, pin) = (*drive, *pin);
         let Some(state) = self.slots[drive.0 as usize].pin_mut(pin) else { return };
-        let mut levels = state.driven_by.iter().map(|&wire| self.wires[wire as usize].level);
+        let mut levels = state.driven_by().iter().map(|&wire| self.wires[wire as usize].level);
         state.wire_stimulus = if levels.clone().any(|level| level == Level::Low) {
             PinStimulus::Low
         } else if levels.any(|level| level == Level::High) {

@@ -13,7 +13,7 @@ use drivetwin_protocol::registers::{Named, Order};
 use super::{Bench, Bus, DriveId, Outlet};
 use crate::decode::{self, Exchange, Message, Register, Request, Verdict};
 use crate::line::SerialLine;
-use crate::line::collisions::{CollisionTracker, SentRequest};
+use crate::line::collisions::SentRequest;
 use crate::record::capture::Medium;
 use crate::record::effects::{FrameEffect, FrameEffects};
 use crate::record::journal::{Draft, Entry, Failures, Journal, NoMessage, Outcome};
@@ -580,7 +580,7 @@ impl Bench {
         let flaw = if listened { None } else { flaw(&message, entry.unreadable) };
         // What drives hear of a request that collided is in the entry of this request.
         let collisions = &self.buses[bus as usize].collisions;
-        if collisions.as_ref().is_some_and(CollisionTracker::has_collided)
+        if collisions.as_ref().is_some_and(|collisions| collisions.has_collided())
             && (entry.unreadable > 0 || !message.is_whole())
         {
             return;
@@ -599,7 +599,7 @@ impl Bench {
         };
         if let (false, Some(flaw)) = (alone, flaw) {
             entry.outcome = flaw;
-            let _ = self.buses[bus as usize].unheard.get_or_insert((entry, false));
+            let _ = self.buses[bus as usize].unheard.get_or_insert_with(|| Box::new((entry, false)));
             return;
         }
         if is_own && address != Some(0) {
@@ -622,7 +622,7 @@ impl Bench {
             (false, _) => {
                 let line = &mut self.buses[bus as usize];
                 let frame = if listened { &mut line.unclaimed } else { &mut line.unheard };
-                let _ = frame.get_or_insert((entry, for_other));
+                let _ = frame.get_or_insert_with(|| Box::new((entry, for_other)));
             }
         }
     }
@@ -865,7 +865,7 @@ impl Bench {
         let strayed = std::mem::take(&mut line.strayed);
         let unheard = line.unheard.take().filter(|_| !strayed);
         let frame = line.unclaimed.take().or(unheard);
-        let Some((entry, for_other)) = frame.filter(|_| !claimed) else { return };
+        let Some((entry, for_other)) = frame.filter(|_| !claimed).map(|frame| *frame) else { return };
         let entry = if for_other {
             let addresses: Vec<u8> =
                 self.ports(Bus(bus)).iter().filter_map(|&(drive, _)| self.address(drive)).collect();

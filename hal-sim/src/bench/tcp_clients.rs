@@ -720,7 +720,8 @@ impl Bench {
     /// Closes all connections of a drive whose power is off.
     pub(super) fn lose_connections(&mut self, index: u32) {
         let ports = self.slots[index as usize].state.ports.iter_mut();
-        let clients: Vec<u32> = ports.filter_map(|port| port.tcp.as_mut()).flat_map(Tcp::close_all).collect();
+        let clients: Vec<u32> =
+            ports.filter_map(|port| port.tcp.as_deref_mut()).flat_map(Tcp::close_all).collect();
         for client in clients {
             self.connections.end(client, Ended::NoPower);
             if let Some(connection) = self.connections.all.get_mut(&client) {

@@ -125,7 +125,7 @@ pub(crate) struct SerialLine {
     pub(crate) requests: RequestLog,
     pub(crate) disturbance: Disturbance,
     /// Content of the last request, if a fault needs it.
-    pub(crate) asked: Option<Content>,
+    pub(crate) asked: Option<Box<Content>>,
     /// Repetitions and noise that are sent unchanged before the line is free again.
     pub(crate) behind: VecDeque<Request>,
     /// End of delayed and repeated replies; the next reply does not start earlier.
@@ -134,13 +134,13 @@ pub(crate) struct SerialLine {
     /// that much earlier, so the line carries it even if the drive's power fails during the delay.
     pub(crate) late_by: Duration,
     /// Characters on the line; `None` if they cannot collide.
-    pub(crate) collisions: Option<CollisionTracker>,
+    pub(crate) collisions: Option<Box<CollisionTracker>>,
     /// Frames of a shared line that were corrupt or for no drive.
     pub(crate) journal: Journal,
     /// The present frame if a drive ignored it; true if that drive has another address.
-    pub(crate) unclaimed: Option<(Entry, bool)>,
+    pub(crate) unclaimed: Option<Box<(Entry, bool)>>,
     /// The same of a drive that did not listen. It counts if no drive of the line listened.
-    pub(crate) unheard: Option<(Entry, bool)>,
+    pub(crate) unheard: Option<Box<(Entry, bool)>>,
     /// True if characters of the present frame reach drives one by one.
     pub(crate) in_characters: bool,
     /// True if the present frame has characters that are no message, which are in the journal.

@@ -24,7 +24,7 @@ pub(crate) struct AxisState {
     /// True if a motor of the bench is attached.
     pub(super) turns_motor: bool,
     /// Generates the pulses for wires; `None` if no wire needs them.
-    pub(super) shaper: Option<Shaper>,
+    pub(super) shaper: Option<Box<Shaper>>,
     /// Pulses from the start of the plan on, if a pulse of the previous plan was unfinished then. Used only
     /// without a wire.
     unfinished: Option<Box<Shaper>>,
@@ -139,7 +139,7 @@ impl AxisState {
     pub(super) fn level(&self, at: Instant, pin: Pin, powered: bool) -> Option<Level> {
         let output = self.output(pin).filter(|output| !self.lent.has(*output))?;
         let shaper = match &self.shaper {
-            Some(shaper) => taken(shaper.clone(), at),
+            Some(shaper) => taken(Shaper::clone(shaper), at),
             None => self.recent_pulses(at, powered),
         };
         Some(level_of(shaper.is_high(output)))
@@ -158,7 +158,7 @@ impl AxisState {
     /// Generates pulses from `at` on, for a wire.
     pub(super) fn listen(&mut self, at: Instant, powered: bool) {
         if self.shaper.is_none() {
-            self.shaper = Some(self.pulses(at, powered));
+            self.shaper = Some(Box::new(self.pulses(at, powered)));
         }
     }
 

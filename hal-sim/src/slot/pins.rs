@@ -29,9 +29,8 @@ pub(crate) struct PinState {
     was_driven: bool,
     /// Stimulus from wires.
     pub(crate) wire_stimulus: PinStimulus,
-    /// Indices in the bench's list of wires: those that drive the pin, and those that the pin drives.
-    pub(crate) driven_by: Vec<u32>,
-    pub(crate) drives_wires: Vec<u32>,
+    /// `None` if no wire is connected.
+    wires: Option<Box<PinWires>>,
     /// Signal that was last reported to the drive.
     pub(crate) reported: Signal,
     /// The running train of pulses, if any.
@@ -44,6 +43,15 @@ pub(crate) struct PinState {
     pub(super) changes: u32,
 }
 
+/// Indices of the wires at a pin, in the bench's list of wires. Most pins have none.
+#[derive(Default)]
+struct PinWires {
+    /// Those that drive the pin.
+    driven_by: Vec<u32>,
+    /// Those that the pin drives.
+    drives: Vec<u32>,
+}
+
 impl PinState {
     pub(super) fn new(spec: &'static PinSpec) -> Self {
         let mut pin = Self {
@@ -52,8 +60,7 @@ impl PinState {
             arrived: PinStimulus::Open,
             was_driven: false,
             wire_stimulus: PinStimulus::Open,
-            driven_by: Vec::new(),
-            drives_wires: Vec::new(),
+            wires: None,
             reported: Signal::Open,
             train: None,
             trains: 0,
@@ -64,10 +71,30 @@ impl PinState {
         pin
     }
 
+    /// Indices of the wires that drive the pin, in the bench's list of wires.
+    pub(crate) fn driven_by(&self) -> &[u32] {
+        self.wires.as_ref().map_or(&[], |wires| &wires.driven_by)
+    }
+
+    /// Indices of the wires that the pin drives.
+    pub(crate) fn drives_wires(&self) -> &[u32] {
+        self.wires.as_ref().map_or(&[], |wires| &wires.drives)
+    }
+
+    /// Connects a wire that drives the pin.
+    pub(crate) fn connect_input(&mut self, wire: u32) {
+        self.wires.get_or_insert_default().driven_by.push(wire);
+    }
+
+    /// Connects a wire that the pin drives.
+    pub(crate) fn connect_output(&mut self, wire: u32) {
+        self.wires.get_or_insert_default().drives.push(wire);
+    }
+
     /// Level of the pin without a stimulus: high for a contact that is pulled up because a wire or a stimulus
     /// uses it, otherwise the idle level of the pin.
     fn rest(&self) -> Level {
-        let wired = !self.driven_by.is_empty();
+        let wired = !self.driven_by().is_empty();
         let used = self.spec.high_once_used && (wired || self.was_driven);
         if used || self.spec.reports_open() && wired { Level::High } else { self.spec.idle }
     }

@@ -45,7 +45,7 @@ impl Statistics {
 pub(crate) struct PortState {
     pub(crate) serial: Option<Serial>,
     /// State of a TCP port.
-    pub(crate) tcp: Option<Tcp>,
+    pub(crate) tcp: Option<Box<Tcp>>,
     pub(crate) statistics: Statistics,
     /// Effects of faults on the message that the drive receives, unless it is on a half-duplex line.
     pub(crate) on_request: FrameEffects,
@@ -57,7 +57,7 @@ pub(crate) struct PortState {
 impl PortState {
     pub(super) fn new(spec: &PortSpec) -> Self {
         let serial = spec.line.map(|line| Serial::new(line, spec.framing == Framing::Silence));
-        let tcp = spec.is_tcp().then(|| Tcp::new(spec));
+        let tcp = spec.is_tcp().then(|| Box::new(Tcp::new(spec)));
         Self {
             serial,
             tcp,

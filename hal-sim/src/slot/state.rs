@@ -426,7 +426,7 @@ impl SlotState {
         let Some(state) = self.pins.get_mut(usize::from(pin.0)) else { return };
         state.drives = drives;
         state.changes = state.changes.wrapping_add(1);
-        let is_wired = !state.drives_wires.is_empty();
+        let is_wired = !state.drives_wires().is_empty();
         let reaches_wires = self.lend(pin, at, outputs);
         if is_wired && reaches_wires {
             let change = match drives {
@@ -489,7 +489,7 @@ impl SlotState {
 
     /// A TCP port.
     pub(crate) fn tcp(&mut self, port: Port) -> Option<&mut Tcp> {
-        self.ports.get_mut(usize::from(port.0))?.tcp.as_mut()
+        self.ports.get_mut(usize::from(port.0))?.tcp.as_deref_mut()
     }
 
     pub(super) fn power_on(&mut self, at: Instant) {

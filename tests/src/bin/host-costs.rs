@@ -1,0 +1,181 @@
+//! Costs of the bench on this machine, for the check "costs of the bench": a line `what: number` for each.
+//!
+//! valgrind counts instructions, bytes and allocations: it runs this program with two numbers of rounds, and the
+//! difference belongs to the rounds alone.
+
+use std::process::Command;
+
+use drivetwin_firmware::device::{Device, Port};
+use drivetwin_firmware::md3::Md3;
+use drivetwin_firmware::mdrive::Mdrive;
+use drivetwin_protocol::modbus::{rtu, tcp};
+use drivetwin_protocol::time::Span;
+use drivetwin_sim::bench::{Bench, DriveId, Settings, Setup};
+use drivetwin_sim::catalog;
+use drivetwin_sim::line::LineMode;
+use drivetwin_sim::record::trace::Retention;
+use drivetwin_tests::toy::Toy;
+
+/// Numbers of drives for the bytes of one. Between powers of two every list has grown by as much as the drives.
+const DRIVES: [u64; 2] = [256, 512];
+
+/// Work of which a round is counted.
+struct Work {
+    name: &'static str,
+    /// Numbers of rounds.
+    rounds: [u64; 2],
+    run: fn(u64),
+}
+
+const WORKS: [Work; 8] = [
+    Work { name: "event, 1 seat", rounds: [1_000, 11_000], run: |rounds| events(1, rounds) },
+    Work { name: "event, 1,000 seats", rounds: [1_000, 11_000], run: |rounds| events(1_000, rounds) },
+    Work { name: "event, 10,000 seats", rounds: [1_000, 11_000], run: |rounds| events(10_000, rounds) },
+    Work {
+        name: "request, a drive on a line",
+        rounds: [30, 130],
+        run: |rounds| ask(1, LineMode::Timed, rounds),
+    },
+    Work {
+        name: "request, 247 drives on a line",
+        rounds: [30, 60],
+        run: |rounds| ask(247, LineMode::Timed, rounds),
+    },
+    Work {
+        name: "request, 247 drives on a fast line",
+        rounds: [30, 60],
+        run: |rounds| ask(247, LineMode::Fast, rounds),
+    },
+    Work { name: "request, Modbus/TCP", rounds: [100, 1_100], run: tcp_requests },
+    Work { name: "line of MCode", rounds: [100, 1_100], run: mcode_lines },
+];
+
+/// Runs a bench of toys, each with an event every 10 ms, for so many events.
+fn events(seats: u64, events: u64) {
+    let mut bench = Bench::with(Settings { trace: Retention::Off, ..Settings::default() });
+    for seat in 0..seats {
+        bench.run_until((seat * 10_000 / seats).micros());
+        bench.add::<Toy>(&format!("toy{seat}"));
+    }
+    bench.run_until(1.secs());
+    bench.run_until(bench.now() + (events * 10_000 / seats).micros());
+}
+
+/// Adds a drive that starts without a delay.
+fn add(bench: &mut Bench, name: &str, device: Box<dyn Device>, presets: Vec<(usize, i64)>) -> DriveId {
+    let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+    bench.add_with(name, device, setup).expect("the presets are valid")
+}
+
+/// Asks MD3s on one line in turn.
+fn ask(drives: u8, mode: LineMode, requests: u64) {
+    let mut bench = Bench::with(Settings { line: mode, ..Settings::default() });
+    let mut ports = Vec::new();
+    for address in 1..=drives {
+        let row = Md3::new().spec().find("DeviceAddress").expect("an MD3 has an address").row;
+        let drive =
+            add(&mut bench, &format!("x{address}"), Box::new(Md3::new()), vec![(row, address.into())]);
+        ports.push((drive, Port(0)));
+    }
+    if drives > 1 {
+        bench.share("line", &ports);
+    }
+    bench.run_until(1.secs());
+    let mut turns = (1..=drives).zip(ports).cycle();
+    for _ in 0..requests {
+        let (address, (drive, _)) = turns.next().expect("a cycle");
+        assert_eq!(bench.ask(drive, &rtu::read(address, 0, 1)).len(), 7);
+    }
+}
+
+/// Sends messages to a port of an MDrive, each with an answer.
+fn mdrive(port: Port, message: &[u8], answer: &[u8], count: u64) {
+    let mut bench = Bench::new();
+    let drive = add(&mut bench, "x", Box::new(Mdrive::plus()), Vec::new());
+    bench.run_until(1.secs());
+    let client = bench.connect_to(drive, port).expect("a connection is free");
+    let mut received = Vec::new();
+    for _ in 0..count {
+        bench.send(client, message);
+        bench.run_until(bench.now() + 10.millis());
+        received.clear();
+        bench.receive(client, &mut received);
+        assert!(received.ends_with(answer), "{}", received.escape_ascii());
+    }
+}
+
+fn tcp_requests(count: u64) {
+    let request = tcp::read(tcp::Header { transaction: 7, unit: 1 }, 0x8B, 2);
+    // The maximum velocity, 768,000 steps per second (MCode manual 5).
+    mdrive(Port(0), &request, &[1, 3, 4, 0x00, 0x0B, 0xB8, 0x00], count);
+}
+
+fn mcode_lines(count: u64) {
+    mdrive(Port(1), b"PR P\r\n", b"PR P\r\n0\r\n>", count);
+}
+
+/// A bench of drives of one kind, each on a line of its own, that nobody asks anything.
+fn idle(kind: &str, count: u64) {
+    let mut bench = Bench::new();
+    for number in 0..count {
+        add(&mut bench, &format!("x{number}"), catalog::make(kind).expect("a kind"), Vec::new());
+    }
+    bench.run_until(1.secs());
+}
+
+/// What a tool of valgrind says of this program, started with these arguments. The numbers have no commas.
+fn valgrind(tool: &str, arguments: [&str; 2]) -> String {
+    let this = std::env::current_exe().expect("this program has a path");
+    let files = ["--callgrind-out-file=/dev/null", "--dhat-out-file=/dev/null"];
+    let file = files.into_iter().find(|option| option.contains(tool)).expect("one of two tools");
+    let run =
+        Command::new("valgrind").args([&format!("--tool={tool}"), file]).arg(this).args(arguments).output();
+    let run = run.expect("valgrind runs");
+    let said = String::from_utf8_lossy(&run.stderr).replace(',', "");
+    assert!(run.status.success(), "valgrind failed:\n{said}");
+    said
+}
+
+/// The number behind `words`.
+fn number(said: &str, words: &str) -> u64 {
+    let (_, behind) = said.split_once(words).expect("valgrind says what it counted");
+    behind.split_whitespace().next().and_then(|number| number.parse().ok()).expect("a number")
+}
+
+/// Instructions of a round.
+fn instructions(work: &Work) -> u64 {
+    let [few, many] = work.rounds;
+    let of = |rounds: u64| number(&valgrind("callgrind", [work.name, &rounds.to_string()]), "Collected :");
+    (of(many) - of(few)) / (many - few)
+}
+
+/// Bytes of an idle drive at the highest point, and allocations until then.
+fn heap(kind: &str) -> [u64; 2] {
+    let [few, many] = DRIVES;
+    let of = |count: u64| {
+        let said = valgrind("dhat", [kind, &count.to_string()]);
+        let (_, blocks) = said.split_once("Total:").expect("DHAT says what it counted");
+        [number(&said, "At t-gmax:"), number(blocks, "bytes in")]
+    };
+    let (few_drives, many_drives) = (of(few), of(many));
+    [0, 1].map(|what| (many_drives[what] - few_drives[what]) / (many - few))
+}
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    if let [name, rounds] = &words[..] {
+        let rounds = rounds.parse().expect("a number of rounds");
+        return match WORKS.iter().find(|work| work.name == name) {
+            Some(work) => (work.run)(rounds),
+            None => idle(name, rounds),
+        };
+    }
+    for kind in catalog::specs().map(|spec| spec.kind) {
+        let [bytes, allocations] = heap(kind);
+        println!("idle {kind}, bytes: {bytes}");
+        println!("idle {kind}, allocations: {allocations}");
+    }
+    for work in &WORKS {
+        println!("{}, instructions: {}", work.name, instructions(work));
+    }
+}
