@@ -29,7 +29,7 @@ use super::registers::{Reg, Version, motion_control};
 use super::startup::Startup;
 use super::{BUSY, MEMORY, Words, open_drain};
 use crate::counter::Channel;
-use crate::device::{Boot, Context, Fault, Input, Instant, Output, Pin, PresetError, REPORTS_REASONS};
+use crate::device::{Boot, Context, Fault, Instant, Output, Pin, PresetError, REPORTS_REASONS};
 use crate::memory;
 
 /// An MD3 without its serial port.
@@ -156,26 +156,20 @@ impl Drive {
         call(motion, &mut Now { at, bank, io, current, out })
     }
 
-    /// Handles an input that is not of the serial port. Never inlined, because `Md3::input` also handles each received
-    /// character.
-    #[inline(never)]
-    pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        match input {
-            Input::Edge { pin, high } => self.edge(at, pin, high, out),
-            // A hardware counter of a board has counted quarter cycles.
-            Input::Count { steps, a, b, .. } => {
-                self.encoder.add_counts(steps, a, b);
-                self.io.set_channels(a, b);
-                self.stale = true;
-            }
-            Input::Fault { fault, on } => self.set_fault(at, fault, on, out),
-            Input::StepsCorrection { steps, .. } => self.motion.correct_steps(steps),
-            _ => {}
-        }
+    /// A hardware counter of a board has counted quarter cycles.
+    pub(super) fn count(&mut self, steps: i32, a: bool, b: bool) {
+        self.encoder.add_counts(steps, a, b);
+        self.io.set_channels(a, b);
+        self.stale = true;
+    }
+
+    /// A board has made `steps` more steps than the plan has.
+    pub(super) fn correct_steps(&mut self, steps: i32) {
+        self.motion.correct_steps(steps);
     }
 
     /// Handles a level at a pin. During the start-up it has no effect on the motion.
-    fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         let Some(edge) = self.io.edge(pin, high) else { return };
         self.stale = true;
         match edge {
@@ -203,7 +197,7 @@ impl Drive {
     }
 
     /// The cause of a fault appears or ends.
-    fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         if self.current.set_cause(fault, on) {
             self.with_motion(at, out, Motion::halt);
             self.settle(at, out);

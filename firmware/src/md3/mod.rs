@@ -218,7 +218,11 @@ impl Device for Md3 {
                 self.serial.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
-            _ => self.drive.input(at, input, out),
+            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
+            Input::Count { steps, a, b, .. } => self.drive.count(steps, a, b),
+            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
+            Input::StepsCorrection { steps, .. } => self.drive.correct_steps(steps),
+            _ => {}
         }
     }
 
