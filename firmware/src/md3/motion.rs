@@ -5,7 +5,7 @@ use fixed::types::{I24F8, U24F8};
 use super::Words;
 use super::current::Current;
 use super::homing::{Homing, Target};
-use super::io::{Changes, Io, Mode, Request};
+use super::io::{Changes, Io, Mode, Pin3, Request};
 use super::motor::{Motor, Setting};
 use super::reasons::Why;
 use super::registers::{Reg, motion_control};
@@ -182,6 +182,7 @@ impl Motion {
     }
 
     /// Handles new levels, polarities or functions of J2 pins 2 to 5.
+    #[inline(always)]
     pub(super) fn react(&mut self, changes: &Changes, now: &mut Now<'_>) {
         if changes.has_edges {
             now.current.restart_cutback(now.at);
@@ -195,15 +196,16 @@ impl Motion {
         if changes.selects_speed {
             self.on_speedsel(now);
         }
-        if changes.clears_fault {
+        if changes.begins != Pin3::None {
             let _ = self.clear_fault(now);
         }
-        if changes.stops {
+        match changes.begins {
             // "Currently running motion is stopped" (MD3-29).
-            self.stop(now);
-        }
-        if changes.homes {
-            let _ = self.home(now);
+            Pin3::InhibitModbus => self.stop(now),
+            Pin3::Home => {
+                let _ = self.home(now);
+            }
+            Pin3::Inhibit | Pin3::None => {}
         }
         if let Some(request) = changes.request {
             // The current changes before a step is made.
@@ -338,7 +340,9 @@ impl Motion {
 
     /// Carries out what follows from an event.
     pub(super) fn settle(&mut self, now: &mut Now<'_>) {
-        self.resume(now);
+        if now.io.mode().moves_by_itself() {
+            self.resume(now);
+        }
         self.update_current(now);
     }
 
