@@ -168,10 +168,12 @@ impl Drive {
         self.motion.correct_steps(steps);
     }
 
-    /// Handles a level at a pin. During the start-up it has no effect on the motion.
+    /// Handles a level at a pin. During the start-up it has no effect on the motion. Never inlined, because
+    /// `Md3::input` also handles each received character.
+    #[inline(never)]
     pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
-        let Some(edge) = self.io.edge(pin, high) else { return };
         self.stale = true;
+        let Some(edge) = self.io.edge(pin, high) else { return };
         match edge {
             Edge::Request(request) => {
                 if self.startup.is_ready() {

@@ -182,6 +182,7 @@ impl Motion {
     }
 
     /// Handles new levels, polarities or functions of J2 pins 2 to 5.
+    // Inlined, so that `Changes` are never stored.
     #[inline(always)]
     pub(super) fn react(&mut self, changes: &Changes, now: &mut Now<'_>) {
         if changes.has_edges {
