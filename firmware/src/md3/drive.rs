@@ -101,7 +101,7 @@ impl Drive {
         self.current.switch_on(at);
         self.encoder.flush_filter();
         self.configure(at, out);
-        if self.homing().is_on_startup() {
+        if Homing::of(&self.bank).is_on_startup() {
             let _ = self.with_motion(at, out, Motion::home);
         }
         self.motion.arm();
@@ -219,10 +219,6 @@ impl Drive {
     /// Microsteps in a full step (7.2).
     pub(super) fn microsteps(&self) -> u16 {
         self.setting().microsteps()
-    }
-
-    fn homing(&self) -> Homing {
-        Homing(self.bank.word(Reg::HomingConfiguration))
     }
 
     fn setting(&self) -> Setting {
@@ -365,7 +361,7 @@ impl Drive {
         let ready = self.startup.is_ready();
         let changes = self.io.configure(
             self.bank.word(Reg::PinFunctionAndPolarity),
-            self.homing(),
+            Homing::of(&self.bank),
             self.motion.is_dc(),
         );
         self.encoder.configure(

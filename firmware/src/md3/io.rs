@@ -199,7 +199,7 @@ pub(super) struct Io {
 impl Io {
     /// The pins without connections.
     pub(super) fn new() -> Self {
-        let functions = Functions::new(0, Homing(0), false);
+        let functions = Functions::new(0, Homing::ZERO, false);
         Self { functions, levels: INPUTS, active: 0, written: 0 }
     }
 

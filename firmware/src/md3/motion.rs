@@ -67,10 +67,6 @@ pub(super) struct Now<'a> {
 }
 
 impl Now<'_> {
-    fn homing(&self) -> Homing {
-        Homing(self.bank.word(Reg::HomingConfiguration))
-    }
-
     /// The register of the speed that SPEEDSEL selects.
     fn speed_register(&self) -> Reg {
         if self.io.selects_alternate() { Reg::AlternateSpeed } else { Reg::Speed }
@@ -478,7 +474,7 @@ impl Motion {
     /// The reason why the motor does not move.
     pub(super) fn home(&mut self, now: &mut Now<'_>) -> Result<(), Why> {
         self.can_step(now)?;
-        if now.homing().target().is_none() {
+        if Homing::of(now.bank).target().is_none() {
             return Err(Why::NoHomingMode);
         }
         match self.home_by(HomePhase::PreOffset, Reg::PreHomeOffset, now) {
@@ -515,7 +511,7 @@ impl Motion {
         }
         self.start(Activity::Home(HomePhase::Search), now);
         // "The acceleration is not divided down" (7.5).
-        self.motor.ramp_to(now.at, now.homing().search_speed(speed), acceleration, now.out);
+        self.motor.ramp_to(now.at, Homing::of(now.bank).search_speed(speed), acceleration, now.out);
         Ok(())
     }
 
@@ -525,7 +521,7 @@ impl Motion {
         if self.activity != Activity::Home(HomePhase::Search) || !now.io.is_at_target() {
             return;
         }
-        if now.homing().target() == Some(Target::Flag) {
+        if Homing::of(now.bank).target() == Some(Target::Flag) {
             let samples = (now.at.since(Instant::ZERO) + FLAG_SAMPLE - Duration::TICK) / FLAG_SAMPLE;
             let sample = Instant::ZERO + FLAG_SAMPLE * samples;
             self.activity = Activity::Home(HomePhase::FlagDetected { sample });
@@ -536,7 +532,7 @@ impl Motion {
 
     /// Stops the search: at once, or with a ramp.
     fn end_search(&mut self, now: &mut Now<'_>) {
-        if now.homing().has_ramp() {
+        if Homing::of(now.bank).has_ramp() {
             self.motor.ramp_to(now.at, I24F8::ZERO, now.acceleration(), now.out);
         } else {
             self.motor.halt(now.at, now.out);
