@@ -29,7 +29,7 @@ use super::registers::{Reg, Version, motion_control};
 use super::startup::Startup;
 use super::{BUSY, MEMORY, Words, open_drain};
 use crate::counter::Channel;
-use crate::device::{Boot, Context, Fault, Input, Instant, Output, Pin, PresetError, REPORTS_REASONS};
+use crate::device::{Boot, Context, Fault, Instant, Output, Pin, PresetError, REPORTS_REASONS};
 use crate::memory;
 
 /// An MD3 without its serial port.
@@ -101,7 +101,7 @@ impl Drive {
         self.current.switch_on(at);
         self.encoder.flush_filter();
         self.configure(at, out);
-        if self.homing().is_on_startup() {
+        if Homing::of(&self.bank).is_on_startup() {
             let _ = self.with_motion(at, out, Motion::home);
         }
         self.motion.arm();
@@ -156,28 +156,24 @@ impl Drive {
         call(motion, &mut Now { at, bank, io, current, out })
     }
 
-    /// Handles an input that is not of the serial port. Never inlined, because `Md3::input` also handles each received
-    /// character.
-    #[inline(never)]
-    pub(super) fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        match input {
-            Input::Edge { pin, high } => self.edge(at, pin, high, out),
-            // A hardware counter of a board has counted quarter cycles.
-            Input::Count { steps, a, b, .. } => {
-                self.encoder.add_counts(steps, a, b);
-                self.io.set_channels(a, b);
-                self.stale = true;
-            }
-            Input::Fault { fault, on } => self.set_fault(at, fault, on, out),
-            Input::StepsCorrection { steps, .. } => self.motion.correct_steps(steps),
-            _ => {}
-        }
+    /// A hardware counter of a board has counted quarter cycles.
+    pub(super) fn count(&mut self, steps: i32, a: bool, b: bool) {
+        self.encoder.add_counts(steps, a, b);
+        self.io.set_channels(a, b);
+        self.stale = true;
     }
 
-    /// Handles a level at a pin. During the start-up it has no effect on the motion.
-    fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
-        let Some(edge) = self.io.edge(pin, high) else { return };
+    /// A board has made `steps` more steps than the plan has.
+    pub(super) fn correct_steps(&mut self, steps: i32) {
+        self.motion.correct_steps(steps);
+    }
+
+    /// Handles a level at a pin. During the start-up it has no effect on the motion. Never inlined, because
+    /// `Md3::input` also handles each received character.
+    #[inline(never)]
+    pub(super) fn edge(&mut self, at: Instant, pin: Pin, high: bool, out: &mut dyn Context) {
         self.stale = true;
+        let Some(edge) = self.io.edge(pin, high) else { return };
         match edge {
             Edge::Request(request) => {
                 if self.startup.is_ready() {
@@ -203,7 +199,7 @@ impl Drive {
     }
 
     /// The cause of a fault appears or ends.
-    fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
+    pub(super) fn set_fault(&mut self, at: Instant, fault: Fault, on: bool, out: &mut dyn Context) {
         if self.current.set_cause(fault, on) {
             self.with_motion(at, out, Motion::halt);
             self.settle(at, out);
@@ -223,10 +219,6 @@ impl Drive {
     /// Microsteps in a full step (7.2).
     pub(super) fn microsteps(&self) -> u16 {
         self.setting().microsteps()
-    }
-
-    fn homing(&self) -> Homing {
-        Homing(self.bank.word(Reg::HomingConfiguration))
     }
 
     fn setting(&self) -> Setting {
@@ -369,7 +361,7 @@ impl Drive {
         let ready = self.startup.is_ready();
         let changes = self.io.configure(
             self.bank.word(Reg::PinFunctionAndPolarity),
-            self.homing(),
+            Homing::of(&self.bank),
             self.motion.is_dc(),
         );
         self.encoder.configure(

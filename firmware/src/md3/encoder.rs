@@ -85,7 +85,10 @@ impl Encoder {
 
     /// Sets the level of a pin from `at` on. Edges of one instant are handled in the order of the calls.
     pub(super) fn edge(&mut self, at: Instant, channel: Channel, high: bool) {
-        self.timeout(at);
+        // Asked here because a call at each edge costs more than the question.
+        if self.deadline() <= at {
+            self.timeout(at);
+        }
         let present = match channel {
             Channel::A => self.a,
             Channel::B => self.b,

@@ -2,12 +2,15 @@
 
 use fixed::types::{I24F8, U24F8};
 
+use super::Words;
+use super::registers::Reg;
+
 const ON_STARTUP: u16 = 1 << 0;
 const BACKWARD: u16 = 1 << 4;
 
 /// A value of `HomingConfiguration`.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Homing(pub(super) u16);
+pub(super) struct Homing(u16);
 
 /// The end of the search in a home cycle.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -19,6 +22,14 @@ pub(super) enum Target {
 }
 
 impl Homing {
+    /// The value of a register of 0.
+    pub(super) const ZERO: Self = Self(0);
+
+    /// The value of the register.
+    pub(super) fn of(bank: &Words) -> Self {
+        Self(bank.word(Reg::HomingConfiguration))
+    }
+
     /// Returns true if a home cycle runs after the start-up.
     pub(super) fn is_on_startup(self) -> bool {
         self.0 & ON_STARTUP != 0

@@ -1,7 +1,7 @@
 //! The pins of J2 and J3: their levels and functions (7.8), and `IOPortData` (7.9).
 
 use super::homing::{Homing, Target};
-use super::{J2_9, J2_10, J2_12, J3_8, open_drain};
+use super::{J2_4, J2_5, J2_9, J2_10, J2_12, J3_8, open_drain};
 use crate::counter::Channel;
 use crate::device::{Context, Instant, Level, Output, Pin};
 
@@ -47,12 +47,8 @@ pub(super) struct Changes {
     pub(super) mode_before: Mode,
     /// SPEEDSEL selects the other speed.
     pub(super) selects_speed: bool,
-    /// Pin 3 clears a fault.
-    pub(super) clears_fault: bool,
-    /// `INHIBIT_MODBUS_MOTION` has become active.
-    pub(super) stops: bool,
-    /// HOME has become active.
-    pub(super) homes: bool,
+    /// The function of pin 3 that has become active. HOME does so only by an edge.
+    pub(super) begins: Pin3,
     /// Request of pins 4 and 5.
     pub(super) request: Option<Request>,
 }
@@ -86,7 +82,7 @@ enum Pin2 {
 
 /// Function of pin 3.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Pin3 {
+pub(super) enum Pin3 {
     /// INHIBIT: while it is active, the motor has no current.
     Inhibit,
     /// HOME: a home cycle starts when it becomes active.
@@ -122,6 +118,13 @@ pub(super) enum Mode {
     EndlessHomes,
     /// 1111 and the codes that the manual does not print: no function.
     None,
+}
+
+impl Mode {
+    /// Returns true if a motion may begin without an edge: by a level, or after another motion.
+    pub(super) fn moves_by_itself(self) -> bool {
+        matches!(self, Self::JogDirection | Self::JogEitherWay | Self::EndlessMoves | Self::EndlessHomes)
+    }
 }
 
 /// The values of `PinFunctionAndPolarity` and `HomingConfiguration`, decoded.
@@ -196,7 +199,7 @@ pub(super) struct Io {
 impl Io {
     /// The pins without connections.
     pub(super) fn new() -> Self {
-        let functions = Functions::new(0, Homing(0), false);
+        let functions = Functions::new(0, Homing::ZERO, false);
         Self { functions, levels: INPUTS, active: 0, written: 0 }
     }
 
@@ -208,11 +211,11 @@ impl Io {
             return None;
         }
         self.levels = levels;
-        Some(match bit {
-            BIT_9 => Edge::Encoder(Channel::Index),
-            BIT_10 => Edge::Encoder(Channel::A),
-            BIT_12 => Edge::Encoder(Channel::B),
-            BIT_4 | BIT_5 => {
+        Some(match pin {
+            J2_9 => Edge::Encoder(Channel::Index),
+            J2_10 => Edge::Encoder(Channel::A),
+            J2_12 => Edge::Encoder(Channel::B),
+            J2_4 | J2_5 => {
                 let before = self.active;
                 self.note_active();
                 Edge::Request(self.request(self.active ^ before))
@@ -244,16 +247,15 @@ impl Io {
         self.functions = functions;
         self.note_active();
         let edges = self.active ^ active;
-        let begins = |function| self.pin_3() == function && before_3 != function;
-        let homes = edges & self.active & BIT_3 != 0 && functions.pin_3 == Pin3::Home;
-        let stops = begins(Pin3::InhibitModbus);
         Changes {
             has_edges: edges != 0,
             mode_before,
             selects_speed: self.selects_alternate() != (before_2 == Pin2::SpeedSelect),
-            clears_fault: homes || stops || begins(Pin3::Inhibit),
-            stops,
-            homes,
+            begins: match self.pin_3() {
+                same if same == before_3 => Pin3::None,
+                Pin3::Home if edges & BIT_3 == 0 => Pin3::None,
+                begins => begins,
+            },
             request: self.request(edges),
         }
     }

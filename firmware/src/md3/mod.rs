@@ -38,6 +38,8 @@ use crate::modbus_port::{ModbusPort, is_reception};
 const RS485: Port = Port(0);
 const AXIS: Axis = Axis(0);
 const OVER_TEMPERATURE: Fault = Fault(0);
+const J2_4: Pin = Pin(2);
+const J2_5: Pin = Pin(3);
 const J2_9: Pin = Pin(4);
 const J2_10: Pin = Pin(5);
 const J2_12: Pin = Pin(6);
@@ -218,7 +220,11 @@ impl Device for Md3 {
                 self.serial.rx_error(at);
             }
             Input::Idle { .. } => self.serve(at, out),
-            _ => self.drive.input(at, input, out),
+            Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
+            Input::Count { steps, a, b, .. } => self.drive.count(steps, a, b),
+            Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),
+            Input::StepsCorrection { steps, .. } => self.drive.correct_steps(steps),
+            _ => {}
         }
     }
 

@@ -5,7 +5,7 @@ use fixed::types::{I24F8, U24F8};
 use super::Words;
 use super::current::Current;
 use super::homing::{Homing, Target};
-use super::io::{Changes, Io, Mode, Request};
+use super::io::{Changes, Io, Mode, Pin3, Request};
 use super::motor::{Motor, Setting};
 use super::reasons::Why;
 use super::registers::{Reg, motion_control};
@@ -67,10 +67,6 @@ pub(super) struct Now<'a> {
 }
 
 impl Now<'_> {
-    fn homing(&self) -> Homing {
-        Homing(self.bank.word(Reg::HomingConfiguration))
-    }
-
     /// The register of the speed that SPEEDSEL selects.
     fn speed_register(&self) -> Reg {
         if self.io.selects_alternate() { Reg::AlternateSpeed } else { Reg::Speed }
@@ -182,6 +178,8 @@ impl Motion {
     }
 
     /// Handles new levels, polarities or functions of J2 pins 2 to 5.
+    // Inlined, so that `Changes` are never stored.
+    #[inline(always)]
     pub(super) fn react(&mut self, changes: &Changes, now: &mut Now<'_>) {
         if changes.has_edges {
             now.current.restart_cutback(now.at);
@@ -195,15 +193,16 @@ impl Motion {
         if changes.selects_speed {
             self.on_speedsel(now);
         }
-        if changes.clears_fault {
+        if changes.begins != Pin3::None {
             let _ = self.clear_fault(now);
         }
-        if changes.stops {
+        match changes.begins {
             // "Currently running motion is stopped" (MD3-29).
-            self.stop(now);
-        }
-        if changes.homes {
-            let _ = self.home(now);
+            Pin3::InhibitModbus => self.stop(now),
+            Pin3::Home => {
+                let _ = self.home(now);
+            }
+            Pin3::Inhibit | Pin3::None => {}
         }
         if let Some(request) = changes.request {
             // The current changes before a step is made.
@@ -338,7 +337,9 @@ impl Motion {
 
     /// Carries out what follows from an event.
     pub(super) fn settle(&mut self, now: &mut Now<'_>) {
-        self.resume(now);
+        if now.io.mode().moves_by_itself() {
+            self.resume(now);
+        }
         self.update_current(now);
     }
 
@@ -473,7 +474,7 @@ impl Motion {
     /// The reason why the motor does not move.
     pub(super) fn home(&mut self, now: &mut Now<'_>) -> Result<(), Why> {
         self.can_step(now)?;
-        if now.homing().target().is_none() {
+        if Homing::of(now.bank).target().is_none() {
             return Err(Why::NoHomingMode);
         }
         match self.home_by(HomePhase::PreOffset, Reg::PreHomeOffset, now) {
@@ -510,7 +511,7 @@ impl Motion {
         }
         self.start(Activity::Home(HomePhase::Search), now);
         // "The acceleration is not divided down" (7.5).
-        self.motor.ramp_to(now.at, now.homing().search_speed(speed), acceleration, now.out);
+        self.motor.ramp_to(now.at, Homing::of(now.bank).search_speed(speed), acceleration, now.out);
         Ok(())
     }
 
@@ -520,7 +521,7 @@ impl Motion {
         if self.activity != Activity::Home(HomePhase::Search) || !now.io.is_at_target() {
             return;
         }
-        if now.homing().target() == Some(Target::Flag) {
+        if Homing::of(now.bank).target() == Some(Target::Flag) {
             let samples = (now.at.since(Instant::ZERO) + FLAG_SAMPLE - Duration::TICK) / FLAG_SAMPLE;
             let sample = Instant::ZERO + FLAG_SAMPLE * samples;
             self.activity = Activity::Home(HomePhase::FlagDetected { sample });
@@ -531,7 +532,7 @@ impl Motion {
 
     /// Stops the search: at once, or with a ramp.
     fn end_search(&mut self, now: &mut Now<'_>) {
-        if now.homing().has_ramp() {
+        if Homing::of(now.bank).has_ramp() {
             self.motor.ramp_to(now.at, I24F8::ZERO, now.acceleration(), now.out);
         } else {
             self.motor.halt(now.at, now.out);

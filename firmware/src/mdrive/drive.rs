@@ -7,20 +7,23 @@
 //! | `reader` | reading variables, expressions and printed text; validating a write |
 //! | `error` | errors by their numbers |
 //! | `reasons` | reasons why an accepted request has no effect |
-//! | `startup`, `saved` | start-up, saved values |
+//! | `startup`, `saved` | the state of the start-up, saves |
+//! | `drive::start` | power-on, restarts, loading |
 //! | `modbus` | port 502 |
 //! | `mcode` | port 503, and programs |
 //! | `motion` | the motor and its encoder |
 //! | `hybrid` | additional functions of a Hybrid |
 //! | `io` | the I/O points |
 //!
-//! `registers`, `variables::stored`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
+//! `registers`, `variables::stored`, `startup`, `saved`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
 //! trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
-//! `startup`, `saved`, `variables` and `reader`. Above it are its two languages, which act on it
+//! `start`, `variables` and `reader`. Above it are its two languages, which act on it
 //! during a request or a line: `modbus` and `mcode::Interpreter`.
 //!
 //! Motion, I/O and the Hybrid's circuitry queue events. `dispatch_events` handles those of motion and I/O after
 //! every input and timeout, `run_hybrid` those of the circuitry at once.
+
+mod start;
 
 use drivetwin_protocol::modbus::pdu::Exception;
 use drivetwin_protocol::registers::{Entries, Register, Space};
@@ -285,7 +288,7 @@ impl Drive {
             if trip.pulses() {
                 self.io.pulse(at, out);
             }
-            if self.mcode.trips.subroutine(trip.bit()).is_some() {
+            if self.mcode.trips.subroutine(trip).is_some() {
                 self.mcode.call_trip(at, trip, &mut self.motion);
             }
         }
@@ -301,7 +304,7 @@ impl Drive {
     }
 
     /// Runs a part of the Hybrid's circuitry, then handles its events.
-    pub(super) fn run_hybrid<T>(
+    fn run_hybrid<T>(
         &mut self,
         at: Instant,
         out: &mut dyn Context,

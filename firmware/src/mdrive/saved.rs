@@ -7,23 +7,21 @@
 
 use drivetwin_protocol::registers::Bank;
 
-use super::drive::{Drive, Model};
-use super::error::Error;
-use super::io::Io;
+use super::drive::Model;
 use super::mcode::names::{self, Meaning, Names};
 use super::mcode::program;
 use super::registers::Reg;
-use super::variables::{Registers, entry, is_number, words};
-use crate::device::{Context, Duration, Instant, NullContext, PresetError};
+use super::variables::Registers;
+use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};
 
 /// Size in bytes of the saved variables with their CRC, which are at the start of the memory.
-pub(super) const VARIABLES: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
+const VARIABLES: usize = memory::bytes(Reg::SAVED_WORDS) as usize;
 /// Bytes of one global user variable: two for its name and four for its value.
 const GLOBAL: usize = 6;
 const GLOBAL_BYTES: usize = GLOBAL * names::MAX;
 /// Size in bytes of all global user variables with their CRC. In the memory they follow the saved variables.
-pub(super) const GLOBALS: usize = GLOBAL_BYTES + 2;
+const GLOBALS: usize = GLOBAL_BYTES + 2;
 /// Offset of the log that stores the program.
 pub(super) const PROGRAM: usize = VARIABLES + GLOBALS;
 /// Size of the non-volatile memory, in bytes.
@@ -111,87 +109,8 @@ impl Saving {
     }
 }
 
-impl Drive {
-    /// Loads variables, global user variables and the program when the drive starts. Returns true if the
-    /// memory was good (error 70 if not). The factory's values replace bad parts.
-    pub(super) fn load(&mut self, out: &dyn Context) -> bool {
-        let saved = self.bank.load(out) && load_globals(&mut self.mcode.names, out);
-        if !saved {
-            self.bank.factory_reset();
-            self.mcode.names = Names::new();
-        }
-        self.mcode.load_program(self.bank.variants(), out) && saved
-    }
-
-    /// IP: loads the variables and flags that were saved.
-    ///
-    /// # Errors
-    /// Error 70 if the saved values are bad, 74 in motion.
-    pub(super) fn initialize(&mut self, at: Instant, out: &mut dyn Context) -> Result<(), Error> {
-        if self.reader(at).is_in_motion() {
-            return Err(Error::ClearInMotion);
-        }
-        // A save in progress is finished first, because it was commanded before IP.
-        self.saving.finish(at, out);
-        let good = self.bank.load(out);
-        self.apply_variables(at, out);
-        if good { Ok(()) } else { Err(Error::Flash) }
-    }
-
-    /// Applies all variables to I/O and motion.
-    pub(super) fn apply_variables(&mut self, at: Instant, out: &mut dyn Context) {
-        self.set_filters(at, out);
-        self.apply_set_ups(at, out);
-        self.set_motion(at, out);
-    }
-
-    /// Applies the set-ups of all I/O points. A set-up that is not possible is replaced by the factory's.
-    fn apply_set_ups(&mut self, at: Instant, out: &mut dyn Context) {
-        self.io.begin_load();
-        for reg in [Reg::S1, Reg::S2, Reg::S3, Reg::S4, Reg::S5, Reg::S7, Reg::S8, Reg::S13] {
-            if self.bank.has(reg) && self.set_up(at, reg, self.bank.set_up_of(reg), out).is_err() {
-                self.bank.set(reg, entry(reg).reset);
-                let _ = self.set_up(at, reg, self.bank.set_up_of(reg), out);
-            }
-        }
-        self.io.end_load(at, out);
-    }
-
-    /// Presets a variable before power-on, as if it had been saved.
-    pub(super) fn preset(
-        &mut self,
-        at: Instant,
-        reg: Reg,
-        value: i64,
-        out: &mut dyn Context,
-    ) -> Result<(), PresetError> {
-        if !self.bank.load(out) || !load_globals(&mut self.mcode.names, out) {
-            return Err(PresetError::BadMemory);
-        }
-        match i32::try_from(value) {
-            _ if !is_number(reg) => {
-                // The I/O points decide whether the set-up is possible, so they are set up as a trial. They
-                // are new again at power-on.
-                self.apply_set_ups(at, &mut NullContext);
-                let validated = self.set_up(at, reg, words(reg, value), &mut NullContext);
-                self.io = Io::OPEN;
-                validated.map_err(|_| PresetError::OutOfRange)?;
-            }
-            Ok(value) => {
-                let validated = self.reader(at).validate(reg, value, &|other| self.bank.stored(other));
-                validated.map_err(|_| PresetError::OutOfRange)?;
-                self.bank.store(reg, value);
-            }
-            Err(_) => return Err(PresetError::OutOfRange),
-        }
-        self.saving.begin(at, &mut self.bank, &self.mcode.names, out);
-        self.saving.finish(at, out);
-        Ok(())
-    }
-}
-
 /// Loads the global user variables. Returns false if the memory is bad.
-fn load_globals(names: &mut Names, out: &dyn Context) -> bool {
+pub(super) fn load_globals(names: &mut Names, out: &dyn Context) -> bool {
     *names = Names::new();
     let memory = out.memory().get(VARIABLES..PROGRAM).unwrap_or(&[]);
     let content = memory::content(memory, GLOBAL_BYTES / 2);

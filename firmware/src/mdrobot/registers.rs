@@ -257,8 +257,6 @@ pub(super) fn max_rpm(bank: &Words) -> u16 {
 
 /// Checks a value that the row accepts already. For ID and BAUDRATE with the key, DH must be legal. For
 /// `FUNC_CMD_TYPE` only DL is checked.
-// Inlined for the loop over all rows at power-on.
-#[inline(always)]
 pub(super) fn validate(pid: Pid, value: i64) -> Result<(), Exception> {
     let accepts = |pid: Pid, value| Pid::ENTRIES.list.get(pid.row()).is_some_and(|row| row.accepts(value));
     let legal = match pid {
@@ -276,7 +274,6 @@ pub(super) fn unlocked(value: i64) -> Option<i64> {
 }
 
 /// The value that a PID stores of a written one: `FUNC_CMD_TYPE` stores only DL (p. 15) (MDROBOT-3).
-#[inline(always)]
 pub(super) fn stored_value(pid: Pid, value: i64) -> i64 {
     if pid == Pid::FUNC_CMD_TYPE { value & 0xFF } else { value }
 }

@@ -15,9 +15,9 @@ const ON_NETWORK: Duration = Duration::micros(850);
 /// Allowed delay if the motor gets a new plan, which the loop computes before it does anything else.
 pub(crate) const PLANNING: Duration = Duration::micros(700);
 /// Allowed time from the first instruction until the start-up is done, without the time for the memory
-/// ([`BYTE`]). The longest start-up is that of an MDROBOT, which checks each of its rows: 839 µs with the
+/// ([`BYTE`]). The longest start-up is that of an MDROBOT, which checks each of its rows: 790 µs with the
 /// time for its memory.
-const BOOT: Duration = Duration::micros(820);
+const BOOT: Duration = Duration::micros(800);
 /// Additional time for each byte of the memory, which is read and checked at the start. The same time applies
 /// if the drive checks and stores [many](MANY) bytes.
 const BYTE: Duration = Duration::from_ticks(4);

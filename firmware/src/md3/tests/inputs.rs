@@ -464,6 +464,15 @@ fn one_write_changes_several_pins_in_their_order() {
     let mut dut = in_mode(0);
     write(&mut dut, 0b0110); // INHIBIT and a step in one write: no step is made
     assert_eq!((dut.position(), dut.current()), (0, 0));
+    // Pin 3 is active already, with a code that has no function: a new polarity of pin 4 makes a step.
+    let mut dut = in_mode(0);
+    write(&mut dut, 3 << 8 | 0b0100);
+    write(&mut dut, 3 << 8 | 0b0110);
+    assert_eq!((dut.position(), dut.current()), (1, 1_000));
+    let mut dut = in_mode(0);
+    write(&mut dut, 3 << 8 | 0b0100);
+    write(&mut dut, 0b0110); // The same with INHIBIT as the new function: no step is made
+    assert_eq!((dut.position(), dut.current()), (0, 0));
     let mut dut = in_mode(0);
     write(&mut dut, 0b0100);
     write(&mut dut, 0b0010); // INHIBIT ends and a step follows in one write

@@ -44,7 +44,7 @@ pub(in crate::mdrive) const MAX_CONNECTIONS: usize = 4;
 
 /// Number of characters that can wait during the execution of a line, if a client sends more than the drive
 /// [takes](crate::device::Device::takes). Further characters are lost.
-pub(in crate::mdrive) const WAITING: usize = 256;
+const WAITING: usize = 256;
 
 /// A connection and the line that is being typed.
 #[derive(Clone, Debug)]

@@ -32,6 +32,11 @@ impl Trip {
         1 << self as u8
     }
 
+    /// The first trip with one of these bits.
+    pub(super) fn first(bits: u8) -> Option<Self> {
+        ALL.into_iter().find(|trip| bits & trip.bit() != 0)
+    }
+
     /// Returns true if the trip makes a pulse at the trip output.
     pub(in crate::mdrive) fn pulses(self) -> bool {
         matches!(self, Self::Position | Self::Relative)
@@ -120,9 +125,8 @@ impl Trips {
         self.position_due.min(self.time_due).min(self.relative_due)
     }
 
-    /// Subroutine of the trip with this bit.
-    pub(in crate::mdrive) fn subroutine(&self, bit: u8) -> Option<Place> {
-        let trip = ALL.into_iter().find(|trip| trip.bit() == bit)?;
+    /// Subroutine of a trip.
+    pub(in crate::mdrive) fn subroutine(&self, trip: Trip) -> Option<Place> {
         self.definition(trip)?.subroutine
     }
 

@@ -299,9 +299,9 @@ impl Vm {
         let place = if handles {
             self.handler
         } else {
-            let first = self.trips_due & self.trips_due.wrapping_neg();
-            self.trips_due &= !first;
-            trips.subroutine(first)
+            let trip = Trip::first(self.trips_due)?;
+            self.trips_due &= !trip.bit();
+            trips.subroutine(trip)
         };
         Some(Interrupt { place: place?, handles })
     }

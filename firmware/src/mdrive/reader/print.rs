@@ -218,7 +218,7 @@ fn write_values(values: &[Parameter], to: &mut dyn Text) {
 }
 
 /// Writes a number in decimal.
-pub(super) fn write_number(value: i32, to: &mut dyn Text) {
+fn write_number(value: i32, to: &mut dyn Text) {
     let mut text = Vec::<u8, 11>::new();
     let mut rest = value.unsigned_abs();
     // The text has room for the longest number.

@@ -156,7 +156,7 @@ impl Registers {
     }
 
     /// Returns true if the unit of a variable is counts at present.
-    pub(in crate::mdrive) fn is_in_counts(&self, reg: Reg) -> bool {
+    fn is_in_counts(&self, reg: Reg) -> bool {
         self.is_closed() && SCALED.contains(&reg)
     }
 

@@ -97,6 +97,10 @@ pub(super) struct Servo {
 impl Servo {
     /// A servo for a motor at standstill with open terminals.
     pub(super) fn new(settings: Settings) -> Self {
+        Self::with(Sensing::new(&settings), settings)
+    }
+
+    fn with(sensing: Sensing, settings: Settings) -> Self {
         Self {
             settings,
             order: Order::Free,
@@ -104,7 +108,7 @@ impl Servo {
             setpoint: I40F24::ZERO,
             setpoint_since: Instant::ZERO,
             pi: Pi::NEW,
-            sensing: Sensing::new(&settings),
+            sensing,
             duty: 0,
             limit_out_ma: 0,
             swapped: false,
@@ -118,7 +122,7 @@ impl Servo {
     /// Handles power-on: puts the state of the terminals. Everything is reset, including the position; only
     /// the motor's feedback stays.
     pub(super) fn power_on(&mut self, at: Instant, settings: Settings, out: &mut dyn Context) {
-        *self = Self { sensing: self.sensing.restarted(&settings), ..Self::new(settings) };
+        *self = Self::with(self.sensing.restarted(&settings), settings);
         out.put(at, Output::Duty { axis: AXIS, duty: self.duty });
         out.put(at, Output::CurrentLimit { axis: AXIS, ma: self.limit_out_ma });
     }

@@ -19,7 +19,7 @@ use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, PendingSave, Save};
 
 /// Duration of a line. A DELAY takes longer (RS434-25).
-pub(super) const LINE: Duration = Duration::micros(100);
+const LINE: Duration = Duration::micros(100);
 
 /// Bytes of all lines. They follow the settings in the flash. After them comes their CRC, high byte first.
 const BYTES: usize = 4 * LINES;
