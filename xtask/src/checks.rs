@@ -11,7 +11,7 @@ use xshell::{Shell, cmd};
 
 use crate::report::{Outcome, Report, Row, now};
 use crate::tools::{self, Tool, Tools};
-use crate::{board, crates, docs, panic_free, pico, python, size, swarm, uf2, web};
+use crate::{board, crates, docs, host_costs, panic_free, pico, python, size, swarm, uf2, web};
 
 /// Crates that only a board, or a linker, can build.
 pub(crate) const BARE: [&str; 7] = [
@@ -78,7 +78,7 @@ const fn check(
 }
 
 /// Every check. The order is that in which the lanes run the checks of their groups.
-const CHECKS: [Check; 31] = [
+const CHECKS: [Check; 32] = [
     check(Group::Host, "format", &[Tool::Rustfmt], |sh| Ok(cmd!(sh, "cargo fmt --all --check").run()?)),
     check(Group::Host, "clippy", &[Tool::Clippy], |sh| {
         let host = host();
@@ -139,6 +139,7 @@ const CHECKS: [Check; 31] = [
     check(Group::Bench, "bench on other systems", &[Tool::OtherSystems], other_systems),
     check(Group::Bench, "size of the site", &[Tool::WebTarget], |sh| web::build(sh).map(|_| ())),
     check(Group::Bench, "swarm", &[], swarm::check),
+    check(Group::Bench, "costs of the bench", &[Tool::Valgrind], host_costs::check),
     check(Group::Python, "Python package", &[Tool::Python], python::check),
 ];
 

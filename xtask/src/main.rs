@@ -22,6 +22,7 @@ mod checks;
 mod counted;
 mod crates;
 mod docs;
+mod host_costs;
 mod image;
 mod interrupts;
 mod panic_free;

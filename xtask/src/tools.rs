@@ -38,6 +38,8 @@ pub(crate) enum Tool {
     Qemu,
     /// A QEMU that takes the plugin that counts instructions.
     Counting,
+    /// Counts instructions and bytes of programs of this machine.
+    Valgrind,
     /// A Modbus master.
     Mbpoll,
     /// A server of serial ports, which is also a client of remote ones.
@@ -116,6 +118,7 @@ impl Tool {
             Self::WebTarget => "Rust for WebAssembly",
             Self::Qemu => "qemu-system-arm",
             Self::Counting => "QEMU 6 to 10, whose interface for counting instructions is known,",
+            Self::Valgrind => "valgrind",
             Self::Mbpoll => "mbpoll",
             Self::Ser2net => "ser2net",
             Self::Curl => "curl",
@@ -140,6 +143,7 @@ impl Tool {
             }
             Self::WebTarget => "rustup target add wasm32-unknown-unknown",
             Self::Qemu | Self::Counting => "apt-get install qemu-system-arm",
+            Self::Valgrind => "apt-get install valgrind",
             Self::Mbpoll => "apt-get install mbpoll",
             Self::Ser2net => "apt-get install ser2net",
             Self::Curl => "apt-get install curl",
@@ -160,6 +164,7 @@ impl Tool {
             Self::WebTarget => has_target(sh, web::TARGET),
             Self::Qemu => runs(sh, "qemu-system-arm"),
             Self::Counting => counted::takes_plugin(sh),
+            Self::Valgrind => runs(sh, "valgrind"),
             Self::Mbpoll => cmd!(sh, "mbpoll -V").quiet().ignore_status().output().is_ok(),
             Self::Ser2net => cmd!(sh, "ser2net -v").quiet().ignore_stdout().ignore_stderr().run().is_ok(),
             Self::Curl => runs(sh, "curl"),
@@ -183,6 +188,7 @@ impl Tool {
             }
             Self::Counting if runs(sh, "qemu-system-arm") => bail!("the QEMU that is here is another"),
             Self::Qemu | Self::Counting => apt.install(sh, "qemu-system-arm"),
+            Self::Valgrind => apt.install(sh, "valgrind"),
             Self::Mbpoll => apt.install(sh, "mbpoll"),
             Self::Ser2net => apt.install(sh, "ser2net"),
             Self::Curl => apt.install(sh, "curl"),

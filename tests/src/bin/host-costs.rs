@@ -27,10 +27,9 @@ struct Work {
     run: fn(u64),
 }
 
-const WORKS: [Work; 8] = [
+const WORKS: [Work; 7] = [
     Work { name: "event, 1 seat", rounds: [1_000, 11_000], run: |rounds| events(1, rounds) },
     Work { name: "event, 1,000 seats", rounds: [1_000, 11_000], run: |rounds| events(1_000, rounds) },
-    Work { name: "event, 10,000 seats", rounds: [1_000, 11_000], run: |rounds| events(10_000, rounds) },
     Work {
         name: "request, a drive on a line",
         rounds: [30, 130],

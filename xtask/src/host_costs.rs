@@ -1,0 +1,38 @@
+//! Budgets of the bench on this machine: bytes and allocations of idle drives, instructions of events and messages.
+//!
+//! The program is built like the tests, with the drives and the bench optimised and with checks of overflow, so that the
+//! check compiles nothing of its own. The numbers of a release build are about half of these.
+
+use anyhow::{Context, Result, ensure};
+use xshell::{Shell, cmd};
+
+use crate::checks::{host, target_dir};
+
+/// Maximum of each value that `host-costs` prints: what has been reached, and 3 % for another compiler.
+const BUDGETS: &[(&str, u64)] = &[];
+
+/// Measures everything, prints the values, and fails if one exceeds its budget or has none.
+pub(crate) fn check(sh: &Shell) -> Result<()> {
+    let host = host();
+    cmd!(sh, "cargo build --quiet {host...} --test '*' --bin host-costs").run()?;
+    let program = target_dir(sh).join("debug/host-costs");
+    let printed = cmd!(sh, "{program}").read()?;
+    let values = printed.lines().map(|line| {
+        let (what, value) = line.rsplit_once(": ").with_context(|| format!("`{line}` is no value"))?;
+        Ok((what, value.parse()?))
+    });
+    let values = values.collect::<Result<Vec<(&str, u64)>>>()?;
+    let mut wrong = Vec::new();
+    for &(what, value) in &values {
+        let most = BUDGETS.iter().find(|(budget, _)| *budget == what).map(|&(_, most)| most);
+        println!("{what:<56} {value:>9} of {:>9}", most.map_or("none".to_owned(), |most| most.to_string()));
+        if most.is_none_or(|most| value > most) {
+            wrong.push(what);
+        }
+    }
+    let unused =
+        BUDGETS.iter().map(|&(what, _)| what).filter(|&what| values.iter().all(|&(other, _)| other != what));
+    wrong.extend(unused);
+    ensure!(wrong.is_empty(), "too much, without a budget, or not measured: {}", wrong.join("; "));
+    Ok(())
+}
