@@ -162,7 +162,7 @@ pub(crate) fn fault_share(port: &str) -> f64 {
 pub(crate) struct Plan {
     /// Name of the port, as of a fault.
     pub(crate) port: &'static str,
-    /// Name of the drive or bus that has the port, and the index of its address.
+    /// Name of a drive at the port, and the index of the port's address.
     pub(crate) place: (&'static str, usize),
     /// Number of connections, each with a request under way.
     pub(crate) connections: usize,
@@ -189,14 +189,14 @@ pub(crate) const PLANS: &[Plan] = &[
     plan("robot.rs485", ("robot", 0), 1, &[("robot", MDROBOT)]),
     plan("single.usb", ("single", 0), 1, &[("single", Dialect::Qsb)]),
     plan("mover.usb", ("mover", 0), 1, &[("mover", Dialect::Qsb)]),
-    plan("shared", ("shared", 0), 1, &[("s1", md3(1)), ("s2", md3(2)), ("s3", rs(3)), ("s4", rs(4))]),
+    plan("shared", ("s1", 0), 1, &[("s1", md3(1)), ("s2", md3(2)), ("s3", rs(3)), ("s4", rs(4))]),
     plan("plus1.mcode", ("plus1", 1), 1, &[("plus1", Dialect::Mcode)]),
     plan("hybrid1.mcode", ("hybrid1", 1), 1, &[("hybrid1", Dialect::Mcode)]),
     plan("plus1.modbus", ("plus1", 0), 12, &[("plus1", Dialect::TcpConstant)]),
     plan("plus2.modbus", ("plus2", 0), 12, &[("plus2", R1)]),
     plan("hybrid1.modbus", ("hybrid1", 0), 12, &[("hybrid1", Dialect::TcpConstant)]),
     plan("hybrid2.modbus", ("hybrid2", 0), 12, &[("hybrid2", R1)]),
-    plan("bad", ("bad", 0), 1, &[("f1", md3(1)), ("f2", rs(2))]),
+    plan("bad", ("f1", 0), 1, &[("f1", md3(1)), ("f2", rs(2))]),
     plan("f3.rs485", ("f3", 0), 1, &[("f3", MDROBOT)]),
     plan("f4.usb", ("f4", 0), 1, &[("f4", Dialect::Qsb)]),
     plan("f5.modbus", ("f5", 0), 2, &[("f5", Dialect::Tcp { register: 0x61 })]),
@@ -204,6 +204,6 @@ pub(crate) const PLANS: &[Plan] = &[
     plan("f5.mcode", ("f5", 1), 1, &[("f5", Dialect::Mcode)]),
 ];
 
-/// Drives whose power fails now and then, with the seconds from power-on until they surely answer: MD3 4, RS434-9,
+/// Drives whose power fails now and then, with the seconds from power-on until they surely answer: MD3 7.4, RS434-9,
 /// MDROBOT-11, QSB-6, MC 5-9.
-pub(crate) const POWER_FAILS: [(&str, u64); 6] = [("f1", 8), ("f2", 1), ("f3", 1), ("f4", 1), ("f5", 4), ("f6", 4)];
+pub(crate) const POWER_FAILS: [(&str, u64); 6] = [("f1", 3), ("f2", 1), ("f3", 1), ("f4", 1), ("f5", 4), ("f6", 4)];

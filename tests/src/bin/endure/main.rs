@@ -116,7 +116,9 @@ fn run(options: &Options) -> Result<Vec<String>, String> {
     let process = Process::start(&options.drivetwin, &layout::text())?;
     let (tally, gate) = (Arc::new(Tally::default()), Arc::new(Gate::default()));
     let masters = Masters::start(&process.ready, &tally, &gate);
-    let mut run = Run { process, tally, gate, masters, rate: options.rate.into(), start: now(), last: Counts::default() };
+    let start = now();
+    let rate = options.rate.into();
+    let mut run = Run { process, tally, gate, masters, rate, start, minute: 0, last: (start, 0) };
 
     let minutes = options.span.as_secs() / 60;
     println!("warm-up, until each drive has got {MESSAGES} messages; then {minutes} minutes");
@@ -139,8 +141,9 @@ struct Run {
     masters: Masters,
     rate: u64,
     start: Instant,
-    /// Counts one second ago.
-    last: Counts,
+    /// The last minute about which a line is printed, its end, and the right replies until then.
+    minute: u64,
+    last: (Instant, u64),
 }
 
 impl Run {
@@ -149,47 +152,53 @@ impl Run {
         while now() < self.start + WARM_UP || self.tally.slowest().1 < MESSAGES {
             if now() > self.start + LONGEST_WARM_UP {
                 let (name, count) = self.tally.slowest();
-                return Err(format!("{name} has got only {count} messages in the warm-up; the machine is too slow"));
+                return Err(format!(
+                    "{name} has got only {count} messages in the warm-up; the machine is too slow"
+                ));
             }
-            self.go_on(now() + Duration::from_secs(1))?;
+            self.second()?;
         }
         Ok(())
     }
 
-    /// Lets the masters work until `end`. Each second the rate is filled up, each minute a line is printed.
+    /// Lets the masters work until `end`.
     fn go_on(&mut self, end: Instant) -> Result<(), String> {
-        let (mut counts, mut filled, mut since) = (self.tally.counts(), self.masters.filled(), now());
         while now() < end {
-            let seconds = (now() - self.start).as_secs() + 1;
-            let next = (self.start + Duration::from_secs(seconds)).min(end);
-            thread::park_timeout(next.saturating_duration_since(now()));
-            self.process.check()?;
-            let span = (now() - since).as_secs_f64();
-            if span < 0.5 {
-                continue;
-            }
-            let (sum, fill) = (self.tally.counts(), self.masters.filled());
-            let others = (sum.right - counts.right).saturating_sub(fill - filled);
-            self.masters.fill(self.rate.saturating_sub((others as f64 / span) as u64));
-            (counts, filled, since) = (sum, fill, now());
-            if seconds % 60 == 0 {
-                self.line(seconds / 60)?;
-            }
+            self.second()?;
+        }
+        Ok(())
+    }
+
+    /// Lets the masters work for a second, and fills up the rate. Each minute a line is printed.
+    fn second(&mut self) -> Result<(), String> {
+        let (before, filled, since) = (self.tally.counts(), self.masters.filled(), now());
+        thread::park_timeout(Duration::from_secs(1));
+        self.process.check()?;
+        let span = (now() - since).as_secs_f64();
+        let (sum, filled) = (self.tally.counts().right - before.right, self.masters.filled() - filled);
+        let others = sum.saturating_sub(filled) as f64 / span;
+        self.masters.fill(self.rate.saturating_sub(others as u64));
+        let minute = (now() - self.start).as_secs() / 60;
+        if minute > self.minute {
+            self.minute = minute;
+            self.line()?;
         }
         Ok(())
     }
 
     /// Prints a line about the last minute.
-    fn line(&mut self, minute: u64) -> Result<(), String> {
+    fn line(&mut self) -> Result<(), String> {
         let (resources, counts) = (self.process.resources()?, self.tally.counts());
-        let rate = (counts.right - self.last.right) / 60;
+        let span = (now() - self.last.0).as_secs_f64();
+        let rate = (counts.right - self.last.1) as f64 / span;
+        let minute = self.minute;
         let Counts { faulty, powerless, wrong, .. } = counts;
         let mib = resources.resident_kib as f64 / 1024.0;
         println!(
-            "minute {minute}: {rate} requests/s, {mib:.1} MiB, {} handles, {} threads; so far {faulty} lost by faults, {powerless} without power, {wrong} wrong",
+            "minute {minute}: {rate:.0} requests/s, {mib:.1} MiB, {} handles, {} threads; so far {faulty} lost by faults, {powerless} without power, {wrong} wrong",
             resources.handles, resources.threads
         );
-        self.last = counts;
+        self.last = (now(), counts.right);
         Ok(())
     }
 

@@ -18,7 +18,7 @@ pub(crate) struct Process {
 pub(crate) struct Ready(String);
 
 impl Ready {
-    /// Addresses of a drive or bus, in the order of the ports: `tcp:HOST:PORT`, `rfc2217:HOST:PORT`, `pty:PATH`.
+    /// Addresses of a drive, in the order of the ports: `tcp:HOST:PORT`, `rfc2217:HOST:PORT`, `pty:PATH`.
     pub(crate) fn places(&self, name: &str) -> Vec<String> {
         let rest = self.0.split_once(&format!("\"name\":\"{name}\"")).map_or("", |(_, rest)| rest);
         let part = rest.split("\"name\":").next().unwrap_or("").split("\"control\":").next().unwrap_or("");

@@ -16,6 +16,8 @@ use crate::wire::Wire;
 
 /// Time without power.
 const OFF: Duration = Duration::from_millis(300);
+/// Time in which all drives have power, between two power failures.
+const ON: Duration = Duration::from_secs(3);
 /// Pause between two rounds of visitors.
 const PAUSE: Duration = Duration::from_millis(500);
 /// Connections of a round of visitors.
@@ -93,6 +95,7 @@ fn act(control: &Control, power: &Power, turn: usize) -> Result<(), String> {
     control.expect("POST", &path, r#"{"action":"on"}"#)?;
     thread::park_timeout(Duration::from_secs(boot));
     state.fetch_add(1, Ordering::SeqCst);
+    thread::park_timeout(ON);
     Ok(())
 }
 

@@ -63,6 +63,7 @@ impl Tally {
         self.wrong.fetch_add(1, Ordering::Relaxed);
         let mut sentences = lock(&self.sentences);
         if sentences.len() < SENTENCES {
+            eprintln!("{sentence}");
             sentences.push(sentence);
         }
     }

@@ -61,7 +61,8 @@ impl Wire {
         let (kind, address) = place.split_once(':').unwrap_or((place, ""));
         if kind == "pty" {
             let file = OpenOptions::new().read(true).write(true).open(address)?;
-            let settings = ["115200", "raw", "-echo", "cs8", "parenb", "-parodd", "-cstopb", "min", "0", "time", "1"];
+            // A pty has no even parity.
+            let settings = ["115200", "raw", "-echo", "cs8", "-cstopb", "min", "0", "time", "1"];
             let done = Command::new("stty").args(settings).stdin(file.try_clone()?).status()?;
             if !done.success() {
                 return Err(io::Error::other("stty has failed"));
