@@ -16,10 +16,15 @@ impl Control {
     pub(crate) fn call(&self, method: &str, path: &str, body: &str) -> Result<(u16, String), String> {
         let mut stream = self.request(method, path, body)?;
         let mut answer = String::new();
-        stream.read_to_string(&mut answer).map_err(|error| format!("{method} {path} of the control API has no answer: {error}"))?;
+        stream
+            .read_to_string(&mut answer)
+            .map_err(|error| format!("{method} {path} of the control API has no answer: {error}"))?;
         let status = answer.split(' ').nth(1).and_then(|status| status.parse().ok());
-        let status = status.ok_or_else(|| format!("{method} {path} of the control API answers {answer:?}, which is no HTTP"))?;
-        Ok((status, answer))
+        let status = status.ok_or_else(|| {
+            format!("{method} {path} of the control API answers {answer:?}, which is no HTTP")
+        })?;
+        let body = answer.split_once("\r\n\r\n").map_or("", |(_, body)| body);
+        Ok((status, body.to_owned()))
     }
 
     /// Begins a request on a connection of its own.
@@ -36,14 +41,17 @@ impl Control {
             stream.write_all(text.as_bytes())?;
             Ok(stream)
         };
-        begin().map_err(|error: std::io::Error| format!("the control API cannot be reached for {path}: {error}"))
+        begin()
+            .map_err(|error: std::io::Error| format!("the control API cannot be reached for {path}: {error}"))
     }
 
     /// Sends a request that must succeed.
     pub(crate) fn expect(&self, method: &str, path: &str, body: &str) -> Result<String, String> {
         match self.call(method, path, body)? {
             (200..300, answer) => Ok(answer),
-            (status, answer) => Err(format!("{method} {path} {body} of the control API has status {status}: {answer}")),
+            (status, answer) => {
+                Err(format!("{method} {path} {body} of the control API has status {status}: {answer}"))
+            }
         }
     }
 

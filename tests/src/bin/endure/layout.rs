@@ -124,8 +124,15 @@ const FAULTS: [Faults; 6] = [
     ("f5.mcode", &[("drop", 0.0005), ("close", 0.0005)]),
 ];
 
-const SERIAL: &[(&str, f64)] =
-    &[("drop", 0.001), ("corrupt", 0.001), ("truncate", 0.001), ("duplicate", 0.0005), ("noise", 0.0005), ("wrong_address", 0.0005), ("exception", 0.0005)];
+const SERIAL: &[(&str, f64)] = &[
+    ("drop", 0.001),
+    ("corrupt", 0.001),
+    ("truncate", 0.001),
+    ("duplicate", 0.0005),
+    ("noise", 0.0005),
+    ("wrong_address", 0.0005),
+    ("exception", 0.0005),
+];
 
 const TCP: &[(&str, f64)] = &[
     ("drop", 0.0002),
@@ -155,7 +162,7 @@ pub(crate) fn text() -> String {
 /// Share of the exchanges at a port that a fault strikes.
 pub(crate) fn fault_share(port: &str) -> f64 {
     let rates = FAULTS.iter().filter(|(name, _)| *name == port).flat_map(|(_, rates)| *rates);
-    rates.map(|(fault, rate)| if ONE_WAY.contains(fault) { *rate } else { 2.0 * rate }).sum()
+    rates.fold(0.0, |sum, (fault, rate)| sum + if ONE_WAY.contains(fault) { *rate } else { 2.0 * rate })
 }
 
 /// A port, and the masters at it.
@@ -166,8 +173,15 @@ pub(crate) struct Plan {
     pub(crate) place: (&'static str, usize),
     /// Number of connections, each with a request under way.
     pub(crate) connections: usize,
-    /// The requests in turn, each with the name of the drive. A further connection to an MDrive only reads.
+    /// The requests in turn, each with the name of the drive. A further connection only reads.
     pub(crate) talks: &'static [(&'static str, Dialect)],
+}
+
+impl Plan {
+    /// Returns true for a port of Modbus/TCP, which is as fast as its masters: these fill up the rate.
+    pub(crate) fn is_modbus_tcp(&self) -> bool {
+        matches!(self.talks[0].1, Dialect::Tcp { .. } | Dialect::TcpConstant)
+    }
 }
 
 const fn plan(
@@ -179,7 +193,7 @@ const fn plan(
     Plan { port, place, connections, talks }
 }
 
-/// All masters. Those of the MDrives without faults fill up the rate.
+/// All masters.
 pub(crate) const PLANS: &[Plan] = &[
     plan("step.rs485", ("step", 0), 1, &[("step", md3(1))]),
     plan("count.usb", ("count", 0), 1, &[("count", Dialect::Qsb)]),
@@ -206,4 +220,5 @@ pub(crate) const PLANS: &[Plan] = &[
 
 /// Drives whose power fails now and then, with the seconds from power-on until they surely answer: MD3 7.4, RS434-9,
 /// MDROBOT-11, QSB-6, MC 5-9.
-pub(crate) const POWER_FAILS: [(&str, u64); 6] = [("f1", 3), ("f2", 1), ("f3", 1), ("f4", 1), ("f5", 4), ("f6", 4)];
+pub(crate) const POWER_FAILS: [(&str, u64); 6] =
+    [("f1", 3), ("f2", 1), ("f3", 1), ("f4", 1), ("f5", 4), ("f6", 4)];

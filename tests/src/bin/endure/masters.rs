@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 
 use crate::dialect::{Dialect, Exchange};
 use crate::layout::{PLANS, POWER_FAILS, Plan, fault_share};
+use crate::now;
 use crate::process::Ready;
 use crate::stimulus;
 use crate::tally::{Gate, Line, Tally};
 use crate::wire::{Failed, Wire};
-use crate::now;
 
 /// Longest wait for a reply on a port without faults. The machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -24,8 +24,6 @@ const SILENCE: Duration = Duration::from_millis(2);
 const AGAIN: Duration = Duration::from_millis(50);
 /// Requests of which the first is a write.
 const CYCLE: u32 = 4;
-/// Connections of a port whose masters fill up the rate.
-const MANY: usize = 12;
 /// Longest time that a late master makes up.
 const LATE: Duration = Duration::from_secs(1);
 
@@ -36,7 +34,7 @@ pub(crate) type Power = BTreeMap<&'static str, AtomicU64>;
 pub(crate) struct Masters {
     /// Number of threads that come to the gate.
     pub(crate) count: usize,
-    /// Nanoseconds between two requests of one master that fills up the rate.
+    /// Nanoseconds between two requests at one port that fills up the rate.
     pace: Arc<AtomicU64>,
     fillers: Vec<&'static Line>,
 }
@@ -44,9 +42,10 @@ pub(crate) struct Masters {
 impl Masters {
     /// Starts the masters, and the actions from outside.
     pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>) -> Self {
-        let power: Arc<Power> = Arc::new(POWER_FAILS.iter().map(|&(drive, _)| (drive, AtomicU64::new(1))).collect());
+        let power: Arc<Power> =
+            Arc::new(POWER_FAILS.iter().map(|&(drive, _)| (drive, AtomicU64::new(1))).collect());
         let pace = Arc::new(AtomicU64::new(1_000_000));
-        let is_filler = |plan: &&Plan| plan.connections == MANY;
+        let is_filler = |plan: &&Plan| plan.is_modbus_tcp();
         let fillers = PLANS.iter().filter(is_filler).map(|plan| tally.line(plan.port)).collect();
         for plan in PLANS {
             let place = ready.places(plan.place.0).swap_remove(plan.place.1);
@@ -58,7 +57,7 @@ impl Masters {
         Self { count: PLANS.len() + others, pace, fillers }
     }
 
-    /// Lets the masters that fill up the rate send so many requests per second together.
+    /// Lets the masters at Modbus/TCP send so many requests per second together.
     pub(crate) fn fill(&self, rate: u64) {
         let each = 1_000_000_000 * self.fillers.len() as u64 / rate.max(1);
         self.pace.store(each, Ordering::Relaxed);
@@ -189,9 +188,8 @@ impl Master {
             return;
         }
         seat.wire = Wire::open(&self.place).ok();
-        let is_stream = matches!(self.plan.talks[0].1, Dialect::Tcp { .. } | Dialect::TcpConstant);
         // A greeting of the drive, or what is left of the reply to another connection.
-        if !is_stream && seat.wire.as_mut().is_some_and(|wire| wire.drain().is_err()) {
+        if !self.plan.is_modbus_tcp() && seat.wire.as_mut().is_some_and(|wire| wire.drain().is_err()) {
             seat.wire = None;
         }
         if seat.wire.is_none() {
@@ -211,7 +209,8 @@ impl Master {
         let talk = &mut seat.talks[seat.turn];
         talk.number = talk.number.wrapping_add(1);
         let number = talk.number as u16;
-        let is_write = talk.dialect.can_write() && (talk.value.is_none() || talk.number % CYCLE == 0);
+        let is_write =
+            talk.dialect.can_write() && (talk.value.is_none() || talk.number.is_multiple_of(CYCLE));
         (seat.exchange, seat.next_value) = match talk.value {
             Some(value) if !is_write => (talk.dialect.read(number, value), value),
             _ => {
@@ -263,7 +262,7 @@ impl Master {
             };
             let (asked, reply) = (seat.exchange.request.escape_ascii(), seat.exchange.reply.escape_ascii());
             let received = seat.received.escape_ascii();
-            self.tally.wrong(format!(
+            self.tally.wrong(&format!(
                 "{}: {how} of {drive} to {asked}: {received} instead of {reply}",
                 self.plan.port
             ));

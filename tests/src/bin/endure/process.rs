@@ -48,16 +48,23 @@ impl Process {
     /// Starts the bench of this bench file.
     pub(crate) fn start(drivetwin: &Path, text: &str) -> Result<Self, String> {
         let file = std::env::temp_dir().join(format!("drivetwin-endure-{}.toml", std::process::id()));
-        std::fs::write(&file, text).map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
-        let child = Command::new(drivetwin).arg("run").arg(&file).arg("--json").stdout(Stdio::piped()).spawn();
-        let mut child = child.map_err(|error| format!("{} cannot be started: {error}", drivetwin.display()))?;
+        std::fs::write(&file, text)
+            .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
+        let child =
+            Command::new(drivetwin).arg("run").arg(&file).arg("--json").stdout(Stdio::piped()).spawn();
+        let mut child =
+            child.map_err(|error| format!("{} cannot be started: {error}", drivetwin.display()))?;
         let mut ready = String::new();
         if let Some(stdout) = child.stdout.take() {
             let _ = BufReader::new(stdout).read_line(&mut ready);
         }
         let _ = std::fs::remove_file(&file);
         let process = Self { child, ready: Ready(ready) };
-        if process.ready.control().0.is_empty() { Err("drivetwin has not started".into()) } else { Ok(process) }
+        if process.ready.control().0.is_empty() {
+            Err("drivetwin has not started".into())
+        } else {
+            Ok(process)
+        }
     }
 
     /// Fails if the process has ended.
@@ -71,7 +78,8 @@ impl Process {
 
     /// What the process uses now.
     pub(crate) fn resources(&self) -> Result<Resources, String> {
-        let status = std::fs::read_to_string(self.file("status")).map_err(|error| format!("drivetwin has no /proc: {error}"))?;
+        let status = std::fs::read_to_string(self.file("status"))
+            .map_err(|error| format!("drivetwin has no /proc: {error}"))?;
         let number = |name: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix(name)).unwrap_or("");
             line.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0)

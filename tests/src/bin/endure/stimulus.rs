@@ -34,11 +34,15 @@ const CALLS: [(&str, &str, &str); 12] = [
     ("PUT", "/api/drives/brush/registers/START_bit", r#"{"value":1}"#),
     ("PUT", "/api/drives/hybrid2/registers/SL", r#"{"value":2000}"#),
     ("POST", "/api/drives/s2/pins/J2.2/pulses", r#"{"count":100,"hz":1000}"#),
-    ("POST", "/api/scenario", r#"{"steps":[{"pin":"s2.J2.3","level":"low"},{"after_ms":200,"pin":"s2.J2.3","level":"open"}]}"#),
+    (
+        "POST",
+        "/api/scenario",
+        r#"{"steps":[{"pin":"s2.J2.3","level":"low"},{"after_ms":200,"pin":"s2.J2.3","level":"open"}]}"#,
+    ),
     ("PUT", "/api/drives/robot/registers/VEL_CMD", r#"{"value":-300}"#),
     ("PUT", "/api/drives/brush/registers/STOP_bit", r#"{"value":1}"#),
-    ("PUT", "/api/drives/f2/faults/over_temperature", ""),
-    ("DELETE", "/api/drives/f2/faults/over_temperature", ""),
+    ("PUT", "/api/drives/f2/faults/mcu_overheat", ""),
+    ("DELETE", "/api/drives/f2/faults/mcu_overheat", ""),
 ];
 
 /// What visitors read.
@@ -49,7 +53,8 @@ const PAGES: [&str; 6] =
 pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>, power: &Arc<Power>) -> usize {
     let control = ready.control();
     {
-        let (control, tally, gate, power) = (control.clone(), Arc::clone(tally), Arc::clone(gate), Arc::clone(power));
+        let (control, tally, gate, power) =
+            (control.clone(), Arc::clone(tally), Arc::clone(gate), Arc::clone(power));
         thread::spawn(move || {
             let mut turn = 0;
             // All drives start.
@@ -59,7 +64,7 @@ pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>, power: 
             loop {
                 gate.pass();
                 if let Err(sentence) = act(&control, &power, turn) {
-                    tally.wrong(sentence);
+                    tally.wrong(&sentence);
                 }
                 turn += 1;
             }
@@ -71,7 +76,7 @@ pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>, power: 
         loop {
             gate.pass();
             if let Err(sentence) = visit(&control, &places, &tally) {
-                tally.wrong(sentence);
+                tally.wrong(&sentence);
             }
             thread::park_timeout(PAUSE);
         }
@@ -101,7 +106,8 @@ fn act(control: &Control, power: &Power, turn: usize) -> Result<(), String> {
 
 /// Opens connections and streams, reads from each of them, and closes them.
 fn visit(control: &Control, places: &[String; 2], tally: &Tally) -> Result<(), String> {
-    let open = |place: &String| Wire::open(place).map_err(|error| format!("{place} takes no connection: {error}"));
+    let open =
+        |place: &String| Wire::open(place).map_err(|error| format!("{place} takes no connection: {error}"));
     let mut visitors = (0..VISITORS).map(|_| open(&places[0])).collect::<Result<Vec<Wire>, String>>()?;
     let _silent = open(&places[1])?;
     let line = tally.line("visitors");

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-/// Most sentences about wrong replies that are kept.
-const SENTENCES: usize = 20;
+/// Most sentences about wrong replies that are printed.
+const SENTENCES: u64 = 20;
 
 /// Counts of all masters.
 #[derive(Default)]
@@ -13,7 +13,6 @@ pub(crate) struct Tally {
     lines: Mutex<BTreeMap<&'static str, &'static Line>>,
     /// Messages to each drive.
     drives: Mutex<BTreeMap<&'static str, &'static AtomicU64>>,
-    sentences: Mutex<Vec<String>>,
     wrong: AtomicU64,
 }
 
@@ -58,19 +57,11 @@ impl Tally {
         counts.min_by_key(|(_, count)| *count).unwrap_or(("no drive", 0))
     }
 
-    /// Counts a reply that is wrong or missing without a fault.
-    pub(crate) fn wrong(&self, sentence: String) {
-        self.wrong.fetch_add(1, Ordering::Relaxed);
-        let mut sentences = lock(&self.sentences);
-        if sentences.len() < SENTENCES {
+    /// Counts a reply that is wrong or missing without a fault, and prints the first ones.
+    pub(crate) fn wrong(&self, sentence: &str) {
+        if self.wrong.fetch_add(1, Ordering::Relaxed) < SENTENCES {
             eprintln!("{sentence}");
-            sentences.push(sentence);
         }
-    }
-
-    /// Sentences about wrong replies, the first ones.
-    pub(crate) fn sentences(&self) -> Vec<String> {
-        lock(&self.sentences).clone()
     }
 
     /// Each port's name with its counts.

@@ -112,7 +112,11 @@ impl Wire {
         };
         match count {
             Ok(count) => self.filter(&bytes[..count], to),
-            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted
+                ) => {}
             Err(_) => return Err(Failed::Closed),
         }
         Ok(())
@@ -139,7 +143,12 @@ impl Wire {
     }
 
     /// Receives `count` bytes into `to`.
-    pub(crate) fn receive(&mut self, count: usize, patience: Duration, to: &mut Vec<u8>) -> Result<(), Failed> {
+    pub(crate) fn receive(
+        &mut self,
+        count: usize,
+        patience: Duration,
+        to: &mut Vec<u8>,
+    ) -> Result<(), Failed> {
         to.clear();
         let mut end = None;
         loop {
