@@ -21,6 +21,11 @@ pub(crate) struct Offset {
 }
 
 impl Offset {
+    #[cfg(test)]
+    pub(crate) fn new(least: f64, most: f64) -> Self {
+        Self { least, most }
+    }
+
     /// Measures the difference from `start` on.
     pub(crate) fn measure(control: &Control, start: std::time::Instant) -> Result<Self, String> {
         let mut offset = Self { least: f64::NEG_INFINITY, most: f64::INFINITY };

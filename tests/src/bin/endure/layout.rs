@@ -222,3 +222,30 @@ pub(crate) const PLANS: &[Plan] = &[
 /// MDROBOT-11, QSB-6, MC 5-9.
 pub(crate) const POWER_FAILS: [(&str, u64); 6] =
     [("f1", 3), ("f2", 1), ("f3", 1), ("f4", 1), ("f5", 4), ("f6", 4)];
+
+#[cfg(test)]
+mod tests {
+    use drivetwin_sim::catalog;
+    use drivetwin_sim::config::bench_file;
+
+    use super::*;
+
+    #[test]
+    fn the_bench_has_every_kind_and_a_master_for_every_drive() {
+        let layout = bench_file::parse(&text()).unwrap();
+        for spec in catalog::specs() {
+            assert!(layout.drives.iter().any(|drive| drive.kind == spec.kind), "no {}", spec.kind);
+        }
+        for drive in &layout.drives {
+            let is_asked = PLANS.iter().any(|plan| plan.talks.iter().any(|(name, _)| *name == drive.name));
+            assert!(is_asked, "nobody talks to {}", drive.name);
+        }
+    }
+
+    #[test]
+    fn a_fault_of_both_directions_strikes_twice_as_often() {
+        // 4 faults of both directions: 2 · (1 + 1 + 1 + 0.5 + 0.5) ‰, and two of replies or requests: 0.5 + 0.5 ‰.
+        assert!((fault_share("bad") - 0.009).abs() < 1e-9);
+        assert!(fault_share("shared").abs() < 1e-9);
+    }
+}

@@ -275,36 +275,10 @@ impl Run {
 
     /// A sentence for each thing that does not hold.
     fn sentences(&self, beginning: &Sample, later: &[&Sample; 2]) -> Vec<String> {
-        let mut sentences = Vec::new();
-        for sample in later {
-            let Sample { name, resources, offset, .. } = sample;
-            let gained = resources.resident_kib.saturating_sub(beginning.resources.resident_kib);
-            if gained > GROWTH_KIB {
-                sentences.push(format!(
-                    "memory has grown by {gained} KiB from the beginning to the {name}; at most {GROWTH_KIB} KiB are allowed"
-                ));
-            }
-            let (handles, before) = (resources.handles, beginning.resources.handles);
-            if handles != before {
-                sentences.push(format!("{handles} handles are open at the {name}, and {before} at the beginning, with the same connections"));
-            }
-            let off = offset.at_least_since(beginning.offset);
-            if off > CLOCK {
-                sentences.push(format!(
-                    "the clock of the bench is off by {off:?} at the {name}; at most {CLOCK:?} are allowed"
-                ));
-            }
-        }
+        let mut sentences: Vec<String> = later.iter().flat_map(|sample| grown(beginning, sample)).collect();
         for (name, line) in self.tally.lines() {
             let [right, faulty] = [&line.right, &line.faulty].map(|count| count.load(Ordering::Relaxed));
-            let expected = layout::fault_share(name) * (right + faulty) as f64;
-            let allowed = FAULTS.0 * expected + FAULTS.1 * expected.sqrt();
-            if (faulty as f64 - expected).abs() > allowed {
-                sentences.push(format!(
-                    "{name}: {faulty} of {} requests were lost by faults; {expected:.0} ± {allowed:.0} is plausible",
-                    right + faulty
-                ));
-            }
+            sentences.extend(implausible(name, faulty, right + faulty));
         }
         let wrong = self.tally.counts().wrong;
         if wrong > 0 {
@@ -313,5 +287,70 @@ impl Run {
             ));
         }
         sentences
+    }
+}
+
+/// A sentence for each resource that has grown, and for a clock that is off.
+fn grown(beginning: &Sample, later: &Sample) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let Sample { name, resources, offset, .. } = later;
+    let gained = resources.resident_kib.saturating_sub(beginning.resources.resident_kib);
+    if gained > GROWTH_KIB {
+        sentences.push(format!(
+            "memory has grown by {gained} KiB from the beginning to the {name}; at most {GROWTH_KIB} KiB are allowed"
+        ));
+    }
+    let (handles, before) = (resources.handles, beginning.resources.handles);
+    if handles != before {
+        sentences.push(format!(
+            "{handles} handles are open at the {name}, and {before} at the beginning, with the same connections"
+        ));
+    }
+    let off = offset.at_least_since(beginning.offset);
+    if off > CLOCK {
+        sentences.push(format!(
+            "the clock of the bench is off by {off:?} at the {name}; at most {CLOCK:?} are allowed"
+        ));
+    }
+    sentences
+}
+
+/// A sentence if the number of faults among `exchanges` is not plausible.
+fn implausible(port: &str, faulty: u64, exchanges: u64) -> Option<String> {
+    let expected = layout::fault_share(port) * exchanges as f64;
+    let allowed = FAULTS.0 * expected + FAULTS.1 * expected.sqrt();
+    let is_plausible = (faulty as f64 - expected).abs() <= allowed;
+    (!is_plausible).then(|| {
+        format!("{port}: {faulty} of {exchanges} requests were lost by faults; {expected:.0} ± {allowed:.0} is plausible")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(resident_kib: u64, handles: usize, milliseconds: f64) -> Sample {
+        let resources = Resources { resident_kib, peak_kib: resident_kib, handles, threads: 3 };
+        let offset = Offset::new(milliseconds / 1e3 - 1e-4, milliseconds / 1e3 + 1e-4);
+        Sample { name: "end", at: now(), resources, offset, counts: Counts::default() }
+    }
+
+    #[test]
+    fn what_grows_beyond_its_bound_fails() {
+        let beginning = sample(100_000, 110, 20.0);
+        assert_eq!(grown(&beginning, &sample(104_096, 110, 21.15)), [""; 0]);
+        // Each offset has an error of 0.1 ms, so a difference of 1.25 ms is at least 1.05 ms.
+        let sentences = grown(&beginning, &sample(104_097, 111, 21.25));
+        assert_eq!(sentences.len(), 3, "{sentences:?}");
+        assert!(sentences[2].starts_with("the clock of the bench is off by 1.05"), "{sentences:?}");
+        assert_eq!(grown(&beginning, &sample(90_000, 109, 18.7)).len(), 2);
+    }
+
+    #[test]
+    fn more_faults_or_fewer_than_expected_fail() {
+        // 90 of 10,000 are expected at this port: 900 ± 360.
+        assert_eq!([541, 1_259].map(|faulty| implausible("bad", faulty, 100_000)), [None, None]);
+        assert!(implausible("bad", 539, 100_000).is_some() && implausible("bad", 1_261, 100_000).is_some());
+        assert!(implausible("shared", 1, 100_000).is_some());
     }
 }
