@@ -6,7 +6,7 @@
 use std::io::{Read as _, Write as _};
 
 use drivetwin::sim::record::trace::Retention;
-use drivetwin::{Bench, Drive, Duration, Instant, PowerAction, Settings, Span as _, kinds, rtu, tcp};
+use drivetwin::{Bench, Drive, Duration, Instant, Level, PowerAction, Settings, Span as _, kinds, rtu, tcp};
 
 /// A month, and ten years of 365.25 days.
 const MONTH: Duration = Duration::secs(2_629_800);
@@ -105,6 +105,38 @@ fn an_md3_jogs_for_ten_years() {
         bench.advance(2.millis());
         assert_eq!((drive.motion().position, drive.motion().moving), (131_127_056, false), "{kind}");
     }
+}
+
+/// The shaft of a motor turns with the drive, and a switch on it stays closed, also where the reported turns wrap.
+#[test]
+fn a_motor_turns_for_ten_years() {
+    let bench = Bench::from_toml(
+        "
+        [[drive]]
+        name = 'x'
+        kind = 'md3'
+        fast_boot = true
+        set = { Speed = 40_000 }
+        [[motor]]
+        name = 'm'
+        drive = 'x'
+        [[switch]]
+        motor = 'm'
+        closed = { above_rev = 2.5 }
+        to = 'x.J2.2'
+        ",
+    )
+    .unwrap();
+    let drive = bench.drive("x").unwrap();
+    drive.set("MotionControl", 0x02).unwrap();
+    bench.advance(TEN_YEARS);
+    // 12,623,039,920,000 steps of which a turn has 1,600 are 7,889,399,950 turns, of which 2 · 2³² leaves −700,534,642.
+    let sim = bench.sim();
+    let turned = sim.turn(sim.motors().next().unwrap());
+    assert!((turned.revolutions + 700_534_642.0).abs() < 0.001, "{turned:?}");
+    assert_eq!((turned.rpm, turned.stalled), (1_500.0, false));
+    drop(sim);
+    assert_eq!(drive.pin("J2.2").unwrap(), Level::Low);
 }
 
 #[test]
