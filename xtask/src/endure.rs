@@ -8,7 +8,8 @@ use crate::checks::target_dir;
 /// Options of a run, each with a number.
 const OPTIONS: [&str; 3] = ["--hours", "--minutes", "--rate"];
 
-/// Builds the program as users do, and its masters, in release mode, and runs them.
+/// Builds the program and its masters in release mode, and runs them. They are built together, because a second build
+/// would compile the crates of both with other features again.
 pub(crate) fn run(sh: &Shell, options: &[&str]) -> Result<()> {
     let is_known =
         |pair: &[&str]| matches!(pair, [option, number] if OPTIONS.contains(option) && is_count(number));

@@ -135,7 +135,7 @@ fn run(options: &Options) -> Result<Vec<String>, String> {
     let rate = (end.counts.right - beginning.counts.right) as f64 / (end.at - beginning.at).as_secs_f64();
     if rate < REACHED * f64::from(options.rate) {
         println!(
-            "\nThe machine is too slow or too busy for {} requests/s: {rate:.0} were reached.",
+            "\nnote: the machine is too slow or too busy for {} requests/s; {rate:.0} were reached",
             options.rate
         );
     }
@@ -214,7 +214,9 @@ impl Run {
     /// Measures while all masters wait. The handles are read again and again until they are those of `beginning`, or for
     /// a while: a connection that a client has closed is open until the bench has seen that.
     fn sample(&mut self, name: &'static str, beginning: Option<&Sample>) -> Result<Sample, String> {
-        self.gate.close(self.masters.count);
+        if !self.gate.close(self.masters.count) {
+            return Err(format!("a master has ended or hangs; the {name} cannot be measured"));
+        }
         let (mut last, end) = (0, now() + SETTLE);
         while now() < end {
             thread::park_timeout(SETTLE / 20);

@@ -3,9 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 /// Most sentences about wrong replies that are printed.
 const SENTENCES: u64 = 20;
+
+/// Longest wait for the masters at the gate.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Counts of all masters.
 #[derive(Default)]
@@ -109,13 +113,12 @@ impl Gate {
         self.is_closed.load(Ordering::Acquire)
     }
 
-    /// Closes the gate, and waits until `count` masters are there.
-    pub(crate) fn close(&self, count: usize) {
+    /// Closes the gate, and waits until `count` masters are there. Returns false if they are not there in time.
+    pub(crate) fn close(&self, count: usize) -> bool {
         self.is_closed.store(true, Ordering::Release);
-        let mut waiting = lock(&self.waiting);
-        while *waiting < count {
-            waiting = self.changed.wait(waiting).unwrap_or_else(PoisonError::into_inner);
-        }
+        let waiting = lock(&self.waiting);
+        let waited = self.changed.wait_timeout_while(waiting, PATIENCE, |waiting| *waiting < count);
+        !waited.unwrap_or_else(PoisonError::into_inner).1.timed_out()
     }
 
     /// Opens the gate.
