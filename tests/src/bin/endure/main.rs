@@ -170,8 +170,9 @@ impl Run {
         Ok(())
     }
 
-    /// Lets the masters work until `end`.
+    /// Opens the gate, and lets the masters work until `end`.
     fn go_on(&mut self, end: Instant) -> Result<(), String> {
+        self.gate.open();
         while now() < end {
             self.second()?;
         }
@@ -211,7 +212,7 @@ impl Run {
         Ok(())
     }
 
-    /// Measures while all masters wait. The handles are read again and again until they are those of `beginning`, or for
+    /// Measures while all masters wait at the closed gate. The handles are read again and again until they are those of `beginning`, or for
     /// a while: a connection that a client has closed is open until the bench has seen that.
     fn sample(&mut self, name: &'static str, beginning: Option<&Sample>) -> Result<Sample, String> {
         if !self.gate.close(self.masters.count) {
@@ -230,9 +231,7 @@ impl Run {
         }
         let resources = self.process.resources()?;
         let offset = Offset::measure(&self.process.ready.control(), self.start)?;
-        let sample = Sample { name, at: now(), resources, offset, counts: self.tally.counts() };
-        self.gate.open();
-        Ok(sample)
+        Ok(Sample { name, at: now(), resources, offset, counts: self.tally.counts() })
     }
 
     /// Prints the table of the measurements.
