@@ -9,7 +9,35 @@ use xshell::{Shell, cmd};
 use crate::checks::{host, target_dir};
 
 /// Maximum of each value that `host-costs` prints: what has been reached, and 3 % for another compiler.
-const BUDGETS: &[(&str, u64)] = &[];
+const BUDGETS: &[(&str, u64)] = &[
+    ("idle md3, bytes", 5_400),
+    ("idle md3, allocations", 27),
+    ("idle md3-low, bytes", 5_400),
+    ("idle md3-low, allocations", 28),
+    ("idle qsb-d, bytes", 3_500),
+    ("idle qsb-d, allocations", 28),
+    ("idle qsb-m, bytes", 4_300),
+    ("idle qsb-m, allocations", 30),
+    ("idle qsb-s, bytes", 3_400),
+    ("idle qsb-s, allocations", 30),
+    ("idle rs434544, bytes", 9_700),
+    ("idle rs434544, allocations", 30),
+    ("idle rs434546, bytes", 9_700),
+    ("idle rs434546, allocations", 31),
+    ("idle mdrobot, bytes", 6_000),
+    ("idle mdrobot, allocations", 33),
+    ("idle mdrive, bytes", 14_600),
+    ("idle mdrive, allocations", 25),
+    ("idle mdrive-hybrid, bytes", 14_600),
+    ("idle mdrive-hybrid, allocations", 26),
+    ("event, 1 seat, instructions", 3_400),
+    ("event, 1,000 seats, instructions", 3_800),
+    ("request, a drive on a line, instructions", 32_400),
+    ("request, 247 drives on a line, instructions", 1_630_000),
+    ("request, 247 drives on a fast line, instructions", 1_820_000),
+    ("request, Modbus/TCP, instructions", 20_100),
+    ("line of MCode, instructions", 53_700),
+];
 
 /// Measures everything, prints the values, and fails if one exceeds its budget or has none.
 pub(crate) fn check(sh: &Shell) -> Result<()> {

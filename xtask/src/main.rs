@@ -4,6 +4,7 @@
 //! cargo xtask test    everything that must hold, and first whatever the checks need; or a group of it
 //! cargo xtask check   one check of it
 //! cargo xtask docs    write the generated references in docs/
+//! cargo xtask endure  run a bench with drives of every kind in real time, under load, for hours
 //! cargo xtask pico    run a drive on an emulated Raspberry Pi Pico
 //! cargo xtask qemu    run a drive on an emulated LM3S6965 board
 //! cargo xtask shots   write the pictures in docs/pictures
@@ -22,6 +23,7 @@ mod checks;
 mod counted;
 mod crates;
 mod docs;
+mod endure;
 mod host_costs;
 mod image;
 mod interrupts;
@@ -50,6 +52,8 @@ usage: cargo xtask <command>
           need, but removes nothing for it, or says what to install
   check   run one check by its name in the summary: `check clippy`
   docs    write the generated references in docs/
+  endure  run a bench with drives of every kind for an hour under 10,000 requests/s, with faults; fail if memory or
+          handles grow, the clock is off, or a reply is wrong: `endure --hours 2`, `--minutes 10`, `--rate 5000`
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`; with the
           ports of its USB cable on two more: `pico md3 --usb`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`
@@ -78,6 +82,7 @@ fn main() -> ExitCode {
         ["test", groups @ ..] => checks::run(groups),
         ["check", name] => shell().and_then(|sh| checks::run_one(&sh, name)).map(|()| true),
         ["docs"] => shell().and_then(|sh| docs::write(&sh)).map(|()| true),
+        ["endure", options @ ..] => shell().and_then(|sh| endure::run(&sh, options)).map(|()| true),
         ["pico", kind, options @ ..] => shell().and_then(|sh| pico::run(&sh, kind, options)).map(|()| true),
         ["qemu", kind] => shell().and_then(|sh| qemu::run(&sh, kind)).map(|()| true),
         ["shots"] => shell().and_then(|sh| checks::pictures(&sh)).map(|()| true),

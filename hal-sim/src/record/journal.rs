@@ -9,6 +9,7 @@ use drivetwin_protocol::modbus::tcp::Broken;
 
 use crate::record::early::EarlyRequest;
 use crate::record::effects::{FrameEffect, FrameEffects};
+use crate::record::trace::make_room;
 
 /// Maximum number of entries of a journal (BENCH-18).
 pub const MOST: usize = 10_000;
@@ -311,6 +312,7 @@ impl Journal {
         self.failures.unanswered += u64::from(entry.outcome.is_unanswered());
         *last += 1;
         entry.number = *last;
+        make_room(&mut self.entries);
         self.entries.push_back(entry);
     }
 
@@ -397,6 +399,8 @@ mod tests {
         assert_eq!((journal.entries().count(), journal.lost(), last), (10_000, 3, 10_003));
         let first = journal.entries().next().unwrap();
         assert_eq!((first.number, first.message()), (4, &3_u64.to_be_bytes()[..]));
+        // The ring uses all of its capacity in turn.
+        assert!(journal.entries.capacity() <= 11_000, "{}", journal.entries.capacity());
     }
 
     #[test]

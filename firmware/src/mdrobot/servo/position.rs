@@ -50,3 +50,17 @@ pub(super) fn speed_to_target(
 pub(super) fn of_counts(counts: i64) -> i32 {
     counts.clamp(i32::MIN.into(), i32::MAX.into()) as i32
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// POSI_DATA has 32 bits with sign (2.4). A motor that goes on turning stays at the end of the range, and comes back
+    /// from it on the count.
+    #[test]
+    fn a_position_stays_in_its_range() {
+        let counts = [2_147_483_647, 2_147_483_648, 189_345_600_000, -2_147_483_648, -2_147_483_649];
+        let positions = [2_147_483_647, 2_147_483_647, 2_147_483_647, -2_147_483_648, -2_147_483_648];
+        assert_eq!(counts.map(of_counts), positions);
+    }
+}

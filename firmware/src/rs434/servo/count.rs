@@ -76,3 +76,24 @@ impl Counter {
         self.zero = self.count;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The range of positions is −2147483648 to 2147483647 (RS434-16).
+    #[test]
+    fn a_position_wraps_at_32_bits() {
+        let mut counter = Counter::new(Instant::ZERO);
+        let at = Instant::from_ticks(1 << 40);
+        counter.count = i64::from(i32::MAX) - 1;
+        // Both sensors are known to be high.
+        counter.halls = [Some(true); 2];
+        let mut positions = [(true, false), (false, false), (true, true), (false, true)].map(|(a, high)| {
+            assert_eq!(counter.edge(at, a, high, 2, true), Ok(Some(true)));
+            counter.position()
+        });
+        positions.sort_unstable();
+        assert_eq!(positions, [-2_147_483_648, -2_147_483_647, -2_147_483_646, 2_147_483_647]);
+    }
+}

@@ -1,0 +1,357 @@
+//! An endurance run: `endure DRIVETWIN [--hours N | --minutes N] [--rate R]`, by `cargo xtask endure`.
+//!
+//! Starts `drivetwin run` with drives of every kind in real time, and masters that send `R` requests per second to all
+//! of them together. Lines with faults and drives whose power fails are among them. Each reply is compared with the
+//! bytes that the manual gives. Meanwhile connections are opened and closed, readers of `/api/live` and `/api/events`
+//! come and go, motors turn, and the resources of the process are measured.
+//!
+//! The measured time begins after a warm-up, when the recordings that are kept in memory are full. The run fails if
+//! memory or handles have grown since then, if the clock of the bench is off, or if a reply was wrong or missing
+//! without a fault.
+
+mod clock;
+mod control;
+mod dialect;
+mod layout;
+mod masters;
+mod process;
+mod stimulus;
+mod tally;
+mod wire;
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::{Duration, Instant};
+
+use clock::Offset;
+use masters::Masters;
+use process::{Process, Resources};
+use tally::{Counts, Gate, Tally};
+
+/// Most memory that the process may gain between the beginning and the end. An hour of 10,000 requests per second has
+/// 36 million of them, so a leak of a byte in nine requests is found. Journals of frames that were corrupt or for no
+/// drive are not full after the warm-up, and may gain 2 MiB.
+const GROWTH_KIB: u64 = 4 << 10;
+
+/// Greatest difference between the clock of the bench and that of the computer, beyond the error of the measurement.
+const CLOCK: Duration = Duration::from_millis(1);
+
+/// Shortest warm-up: the trace of 64 MiB is full long before.
+const WARM_UP: Duration = Duration::from_secs(60);
+/// Longest warm-up.
+const LONGEST_WARM_UP: Duration = Duration::from_secs(900);
+/// Messages to each drive in the warm-up: more than a journal keeps (BENCH-18).
+const MESSAGES: u64 = 11_000;
+
+/// Difference from the expected number of faults that is plausible: a part of it, because a fault may strike a request
+/// that another fault has struck, and so many times the square root, which is the spread of a random number.
+const FAULTS: (f64, f64) = (0.2, 6.0);
+
+/// Part of the rate below which the run says that it was not reached.
+const REACHED: f64 = 0.95;
+
+/// Longest wait until the handles of closed connections are closed.
+const SETTLE: Duration = Duration::from_secs(10);
+
+/// A measurement while all masters wait, with the same connections open.
+struct Sample {
+    name: &'static str,
+    at: Instant,
+    resources: Resources,
+    offset: Offset,
+    counts: Counts,
+}
+
+/// Options of the command line.
+struct Options {
+    drivetwin: PathBuf,
+    span: Duration,
+    rate: u32,
+}
+
+impl Options {
+    fn parse(mut words: impl Iterator<Item = String>) -> Option<Self> {
+        let mut options =
+            Self { drivetwin: words.next()?.into(), span: Duration::from_secs(3_600), rate: 10_000 };
+        while let Some(word) = words.next() {
+            let number: u32 = words.next()?.parse().ok().filter(|&number| number > 0)?;
+            match word.as_str() {
+                "--hours" => options.span = Duration::from_secs(3_600) * number,
+                "--minutes" => options.span = Duration::from_secs(60) * number,
+                "--rate" => options.rate = number,
+                _ => return None,
+            }
+        }
+        Some(options)
+    }
+}
+
+/// Time of the computer.
+#[expect(clippy::disallowed_methods, reason = "the run compares the bench with the wall clock")]
+fn now() -> Instant {
+    Instant::now()
+}
+
+fn main() -> ExitCode {
+    let Some(options) = Options::parse(std::env::args().skip(1)) else {
+        eprintln!("usage: endure DRIVETWIN [--hours N | --minutes N] [--rate R], whole numbers above 0");
+        return ExitCode::from(2);
+    };
+    match run(&options) {
+        Ok(sentences) if sentences.is_empty() => ExitCode::SUCCESS,
+        Ok(sentences) => {
+            sentences.iter().for_each(|sentence| eprintln!("error: {sentence}"));
+            ExitCode::FAILURE
+        }
+        Err(sentence) => {
+            eprintln!("error: {sentence}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Runs it all. Returns a sentence for each thing that does not hold.
+fn run(options: &Options) -> Result<Vec<String>, String> {
+    let process = Process::start(&options.drivetwin, &layout::text())?;
+    let (tally, gate) = (Arc::new(Tally::default()), Arc::new(Gate::default()));
+    let masters = Masters::start(&process.ready, &tally, &gate);
+    let start = now();
+    let rate = options.rate.into();
+    let mut run = Run { process, tally, gate, masters, rate, start, minute: 0, last: (start, 0) };
+
+    let minutes = options.span.as_secs() / 60;
+    println!("warm-up, until each drive has got {MESSAGES} messages; then {minutes} minutes");
+    run.warm_up()?;
+    let beginning = run.sample("beginning", None)?;
+    run.go_on(beginning.at + options.span / 2)?;
+    let middle = run.sample("middle", Some(&beginning))?;
+    run.go_on(beginning.at + options.span)?;
+    let end = run.sample("end", Some(&beginning))?;
+
+    run.print(&[&beginning, &middle, &end]);
+    let rate = (end.counts.right - beginning.counts.right) as f64 / (end.at - beginning.at).as_secs_f64();
+    if rate < REACHED * f64::from(options.rate) {
+        println!(
+            "\nnote: the machine is too slow or too busy for {} requests/s; {rate:.0} were reached",
+            options.rate
+        );
+    }
+    Ok(run.sentences(&beginning, &[&middle, &end]))
+}
+
+/// A run of the bench under its masters.
+struct Run {
+    process: Process,
+    tally: Arc<Tally>,
+    gate: Arc<Gate>,
+    masters: Masters,
+    rate: u64,
+    start: Instant,
+    /// The last minute about which a line is printed, its end, and the right replies until then.
+    minute: u64,
+    last: (Instant, u64),
+}
+
+impl Run {
+    /// Lets the masters work until the recordings in memory are full.
+    fn warm_up(&mut self) -> Result<(), String> {
+        while now() < self.start + WARM_UP || self.tally.slowest().1 < MESSAGES {
+            if now() > self.start + LONGEST_WARM_UP {
+                let (name, count) = self.tally.slowest();
+                return Err(format!(
+                    "{name} has got only {count} messages in the warm-up; the machine is too slow"
+                ));
+            }
+            self.second()?;
+        }
+        Ok(())
+    }
+
+    /// Opens the gate, and lets the masters work until `end`.
+    fn go_on(&mut self, end: Instant) -> Result<(), String> {
+        self.gate.open();
+        while now() < end {
+            self.second()?;
+        }
+        Ok(())
+    }
+
+    /// Lets the masters work for a second, and fills up the rate. Each minute a line is printed.
+    fn second(&mut self) -> Result<(), String> {
+        let (before, filled, since) = (self.tally.counts(), self.masters.filled(), now());
+        thread::park_timeout(Duration::from_secs(1));
+        self.process.check()?;
+        let span = (now() - since).as_secs_f64();
+        let (sum, filled) = (self.tally.counts().right - before.right, self.masters.filled() - filled);
+        let others = sum.saturating_sub(filled) as f64 / span;
+        self.masters.fill(self.rate.saturating_sub(others as u64));
+        let minute = (now() - self.start).as_secs() / 60;
+        if minute > self.minute {
+            self.minute = minute;
+            self.line()?;
+        }
+        Ok(())
+    }
+
+    /// Prints a line about the last minute.
+    fn line(&mut self) -> Result<(), String> {
+        let (resources, counts) = (self.process.resources()?, self.tally.counts());
+        let span = (now() - self.last.0).as_secs_f64();
+        let rate = (counts.right - self.last.1) as f64 / span;
+        let minute = self.minute;
+        let Counts { faulty, powerless, wrong, .. } = counts;
+        let mib = resources.resident_kib as f64 / 1024.0;
+        println!(
+            "minute {minute}: {rate:.0} requests/s, {mib:.1} MiB, {} handles, {} threads; so far {faulty} lost by faults, {powerless} without power, {wrong} wrong",
+            resources.handles, resources.threads
+        );
+        self.last = (now(), counts.right);
+        Ok(())
+    }
+
+    /// Measures while all masters wait at the closed gate. The handles are read again and again until they are those of `beginning`, or for
+    /// a while: a connection that a client has closed is open until the bench has seen that.
+    fn sample(&mut self, name: &'static str, beginning: Option<&Sample>) -> Result<Sample, String> {
+        if !self.gate.close(self.masters.count) {
+            return Err(format!("a master has ended or hangs; the {name} cannot be measured"));
+        }
+        let (mut last, end) = (0, now() + SETTLE);
+        while now() < end {
+            thread::park_timeout(SETTLE / 20);
+            let handles = self.process.handles();
+            let is_settled = beginning
+                .map_or(handles == last && now() > end - SETTLE / 2, |it| it.resources.handles == handles);
+            if is_settled {
+                break;
+            }
+            last = handles;
+        }
+        let resources = self.process.resources()?;
+        let offset = Offset::measure(&self.process.ready.control(), self.start)?;
+        Ok(Sample { name, at: now(), resources, offset, counts: self.tally.counts() })
+    }
+
+    /// Prints the table of the measurements.
+    fn print(&self, samples: &[&Sample; 3]) {
+        let row = |name: &str, value: &dyn Fn(&Sample) -> String| {
+            let values: Vec<String> = samples.iter().map(|sample| format!("{:>18}", value(sample))).collect();
+            println!("{name:<34}{}", values.concat());
+        };
+        let beginning = samples[0];
+        let mib = |kib: u64| format!("{:.2} MiB", kib as f64 / 1024.0);
+        println!();
+        row("", &|it| it.name.to_owned());
+        row("time", &|it| format!("{:.1} min", (it.at - self.start).as_secs_f64() / 60.0));
+        row("resident memory", &|it| mib(it.resources.resident_kib));
+        row("its peak", &|it| mib(it.resources.peak_kib));
+        row("open handles", &|it| it.resources.handles.to_string());
+        row("threads", &|it| it.resources.threads.to_string());
+        row("clock of the bench is ahead by", &|it| {
+            let (difference, error) = it.offset.since(beginning.offset);
+            format!("{:.3} ± {:.3} ms", 1e3 * difference, 1e3 * error)
+        });
+        row("requests/s since the one before", &|it| {
+            let before = samples.iter().rev().find(|other| other.at < it.at);
+            let (at, right) = before.map_or((self.start, 0), |before| (before.at, before.counts.right));
+            format!("{:.0}", (it.counts.right - right) as f64 / (it.at - at).as_secs_f64())
+        });
+        row("answered as the manual says", &|it| it.counts.right.to_string());
+        row("lost or changed by faults", &|it| it.counts.faulty.to_string());
+        row("without power or starting", &|it| it.counts.powerless.to_string());
+        row("wrong or missing without reason", &|it| it.counts.wrong.to_string());
+        println!(
+            "\n{:<18}{:>18}{:>18}{:>18}{:>18}",
+            "port", "answered", "lost by faults", "expected", "without power"
+        );
+        for (name, line) in self.tally.lines() {
+            let [right, faulty, powerless] =
+                [&line.right, &line.faulty, &line.powerless].map(|count| count.load(Ordering::Relaxed));
+            let expected = layout::fault_share(name) * (right + faulty) as f64;
+            println!("{name:<18}{right:>18}{faulty:>18}{expected:>18.0}{powerless:>18}");
+        }
+    }
+
+    /// A sentence for each thing that does not hold.
+    fn sentences(&self, beginning: &Sample, later: &[&Sample; 2]) -> Vec<String> {
+        let mut sentences: Vec<String> = later.iter().flat_map(|sample| grown(beginning, sample)).collect();
+        for (name, line) in self.tally.lines() {
+            let [right, faulty] = [&line.right, &line.faulty].map(|count| count.load(Ordering::Relaxed));
+            sentences.extend(implausible(name, faulty, right + faulty));
+        }
+        let wrong = self.tally.counts().wrong;
+        if wrong > 0 {
+            sentences.push(format!(
+                "{wrong} replies were wrong or missing without a fault; the first ones are above"
+            ));
+        }
+        sentences
+    }
+}
+
+/// A sentence for each resource that has grown, and for a clock that is off.
+fn grown(beginning: &Sample, later: &Sample) -> Vec<String> {
+    let mut sentences = Vec::new();
+    let Sample { name, resources, offset, .. } = later;
+    let gained = resources.resident_kib.saturating_sub(beginning.resources.resident_kib);
+    if gained > GROWTH_KIB {
+        sentences.push(format!(
+            "memory has grown by {gained} KiB from the beginning to the {name}; at most {GROWTH_KIB} KiB are allowed"
+        ));
+    }
+    let (handles, before) = (resources.handles, beginning.resources.handles);
+    if handles != before {
+        sentences.push(format!(
+            "{handles} handles are open at the {name}, and {before} at the beginning, with the same connections"
+        ));
+    }
+    let off = offset.at_least_since(beginning.offset);
+    if off > CLOCK {
+        sentences.push(format!(
+            "the clock of the bench is off by {off:?} at the {name}; at most {CLOCK:?} are allowed"
+        ));
+    }
+    sentences
+}
+
+/// A sentence if the number of faults among `exchanges` is not plausible.
+fn implausible(port: &str, faulty: u64, exchanges: u64) -> Option<String> {
+    let expected = layout::fault_share(port) * exchanges as f64;
+    let allowed = FAULTS.0 * expected + FAULTS.1 * expected.sqrt();
+    let is_plausible = (faulty as f64 - expected).abs() <= allowed;
+    (!is_plausible).then(|| {
+        format!("{port}: {faulty} of {exchanges} requests were lost by faults; {expected:.0} ± {allowed:.0} is plausible")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sample(resident_kib: u64, handles: usize, milliseconds: f64) -> Sample {
+        let resources = Resources { resident_kib, peak_kib: resident_kib, handles, threads: 3 };
+        let offset = Offset::new(milliseconds / 1e3 - 1e-4, milliseconds / 1e3 + 1e-4);
+        Sample { name: "end", at: now(), resources, offset, counts: Counts::default() }
+    }
+
+    #[test]
+    fn what_grows_beyond_its_bound_fails() {
+        let beginning = sample(100_000, 110, 20.0);
+        assert_eq!(grown(&beginning, &sample(104_096, 110, 21.15)), [""; 0]);
+        // Each offset has an error of 0.1 ms, so a difference of 1.25 ms is at least 1.05 ms.
+        let sentences = grown(&beginning, &sample(104_097, 111, 21.25));
+        assert_eq!(sentences.len(), 3, "{sentences:?}");
+        assert!(sentences[2].starts_with("the clock of the bench is off by 1.05"), "{sentences:?}");
+        assert_eq!(grown(&beginning, &sample(90_000, 109, 18.7)).len(), 2);
+    }
+
+    #[test]
+    fn more_faults_or_fewer_than_expected_fail() {
+        // 90 of 10,000 are expected at this port: 900 ± 360.
+        assert_eq!([541, 1_259].map(|faulty| implausible("bad", faulty, 100_000)), [None, None]);
+        assert!(implausible("bad", 539, 100_000).is_some() && implausible("bad", 1_261, 100_000).is_some());
+        assert!(implausible("shared", 1, 100_000).is_some());
+    }
+}

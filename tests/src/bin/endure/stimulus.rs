@@ -1,0 +1,138 @@
+//! Actions from outside: power, pins, encoders, motion; connections and readers that come and go.
+
+use std::io::Read as _;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::thread;
+use std::time::Duration;
+
+use crate::control::Control;
+use crate::dialect::{Dialect, Exchange};
+use crate::layout::POWER_FAILS;
+use crate::masters::Power;
+use crate::process::Ready;
+use crate::tally::{Gate, Tally};
+use crate::wire::Wire;
+
+/// Time without power.
+const OFF: Duration = Duration::from_millis(300);
+/// Time in which all drives have power, between two power failures.
+const ON: Duration = Duration::from_secs(3);
+/// Pause between two rounds of visitors.
+const PAUSE: Duration = Duration::from_millis(500);
+/// Connections of a round of visitors.
+const VISITORS: usize = 10;
+/// Longest wait of a visitor for a reply.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Calls of the control API in turn. A train of pulses or an encoder that still runs is no failure (409).
+const CALLS: [(&str, &str, &str); 12] = [
+    ("PUT", "/api/drives/step/registers/MotionControl", r#"{"value":1}"#),
+    ("PUT", "/api/drives/s1/registers/MotionControl", r#"{"value":1}"#),
+    ("PUT", "/api/drives/robot/registers/VEL_CMD", r#"{"value":300}"#),
+    ("POST", "/api/drives/single/encoder", r#"{"counts":4000,"hz":10000}"#),
+    ("PUT", "/api/drives/brush/registers/START_bit", r#"{"value":1}"#),
+    ("PUT", "/api/drives/hybrid2/registers/SL", r#"{"value":2000}"#),
+    ("POST", "/api/drives/s2/pins/J2.2/pulses", r#"{"count":100,"hz":1000}"#),
+    (
+        "POST",
+        "/api/scenario",
+        r#"{"steps":[{"pin":"s2.J2.3","level":"low"},{"after_ms":200,"pin":"s2.J2.3","level":"open"}]}"#,
+    ),
+    ("PUT", "/api/drives/robot/registers/VEL_CMD", r#"{"value":-300}"#),
+    ("PUT", "/api/drives/brush/registers/STOP_bit", r#"{"value":1}"#),
+    ("PUT", "/api/drives/f2/faults/mcu_overheat", ""),
+    ("DELETE", "/api/drives/f2/faults/mcu_overheat", ""),
+];
+
+/// What visitors read.
+const PAGES: [&str; 6] =
+    ["/api/bench", "/api/buses", "/api/drives/step", "/api/drives/plus1", "/api/drives/f4", "/openapi.json"];
+
+/// Starts the threads; returns their number.
+pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>, power: &Arc<Power>) -> usize {
+    let control = ready.control();
+    {
+        let (control, tally, gate, power) =
+            (control.clone(), Arc::clone(tally), Arc::clone(gate), Arc::clone(power));
+        thread::spawn(move || {
+            let mut turn = 0;
+            // All drives start.
+            let longest = POWER_FAILS.iter().map(|(_, boot)| *boot).max().unwrap_or_default();
+            thread::park_timeout(Duration::from_secs(longest));
+            power.values().for_each(|state| _ = state.fetch_add(1, Ordering::SeqCst));
+            loop {
+                gate.pass();
+                if let Err(sentence) = act(&control, &power, turn) {
+                    tally.wrong(&sentence);
+                }
+                turn += 1;
+            }
+        });
+    }
+    let places = ["plus2", "step"].map(|name| ready.places(name).swap_remove(0));
+    let (tally, gate) = (Arc::clone(tally), Arc::clone(gate));
+    thread::spawn(move || {
+        loop {
+            gate.pass();
+            if let Err(sentence) = visit(&control, &places, &tally) {
+                tally.wrong(&sentence);
+            }
+            thread::park_timeout(PAUSE);
+        }
+    });
+    2
+}
+
+/// Switches the power of the next drive off and on, and makes the next call.
+fn act(control: &Control, power: &Power, turn: usize) -> Result<(), String> {
+    let (method, path, body) = CALLS[turn % CALLS.len()];
+    let (status, answer) = control.call(method, path, body)?;
+    if !matches!(status, 200..300 | 409) {
+        return Err(format!("{method} {path} of the control API has status {status}: {answer}"));
+    }
+    let (drive, boot) = POWER_FAILS[turn % POWER_FAILS.len()];
+    let state = &power[drive];
+    state.fetch_add(1, Ordering::SeqCst);
+    let path = format!("/api/drives/{drive}/power");
+    control.expect("POST", &path, r#"{"action":"off"}"#)?;
+    thread::park_timeout(OFF);
+    control.expect("POST", &path, r#"{"action":"on"}"#)?;
+    thread::park_timeout(Duration::from_secs(boot));
+    state.fetch_add(1, Ordering::SeqCst);
+    thread::park_timeout(ON);
+    Ok(())
+}
+
+/// Opens connections and streams, reads from each of them, and closes them.
+fn visit(control: &Control, places: &[String; 2], tally: &Tally) -> Result<(), String> {
+    let open =
+        |place: &String| Wire::open(place).map_err(|error| format!("{place} takes no connection: {error}"));
+    let mut visitors = (0..VISITORS).map(|_| open(&places[0])).collect::<Result<Vec<Wire>, String>>()?;
+    let _silent = open(&places[1])?;
+    let line = tally.line("visitors");
+    for (number, wire) in visitors.iter_mut().enumerate() {
+        let Exchange { request, reply } = Dialect::TcpConstant.read(number as u16, 768_000);
+        let mut received = Vec::new();
+        let result = wire.send(&request).and_then(|()| wire.receive(reply.len(), PATIENCE, &mut received));
+        if result.is_err() || received != reply {
+            return Err(format!("a visitor of plus2.modbus has got {received:02X?} instead of {reply:02X?}"));
+        }
+        line.right.fetch_add(1, Ordering::Relaxed);
+    }
+    for path in PAGES {
+        control.expect("GET", path, "")?;
+    }
+    for path in ["/api/live?drive=step", "/api/events", "/api/events?drive=count"] {
+        let mut stream = control.request("GET", path, "")?;
+        let mut text = Vec::new();
+        while !text.windows(6).any(|part| part == b"event:") {
+            let mut bytes = [0; 4_096];
+            match stream.read(&mut bytes) {
+                Ok(count @ 1..) => text.extend_from_slice(&bytes[..count]),
+                other => return Err(format!("GET {path} of the control API has no event: {other:?}")),
+            }
+        }
+    }
+    Ok(())
+}
