@@ -85,12 +85,14 @@ const fn crc_of_few(mut bytes: &[u8]) -> u16 {
 
 /// The frame without its CRC; `None` if the CRC does not match.
 #[must_use]
+#[inline]
 pub fn verify_crc(frame: &[u8]) -> Option<&[u8]> {
     let (body, _) = frame.split_last_chunk::<2>()?;
     (crc(frame) == 0).then_some(body)
 }
 
 /// Appends the CRC of `frame`. Does nothing if `frame` has no room for the CRC.
+#[inline]
 pub fn append_crc(frame: &mut Frame) {
     let sum = crc(frame);
     // A reply has at most 254 bytes here, so the CRC has room.
@@ -210,6 +212,7 @@ impl RtuReceiver {
     ///
     /// If the silence before these characters ended a frame, the caller must first take this frame: see
     /// [`is_over`](Self::is_over).
+    #[inline]
     pub fn bytes(&mut self, at: Instant, bytes: &[u8]) {
         let Some(others) = bytes.len().checked_sub(1) else { return };
         self.character_began(at);
@@ -248,6 +251,7 @@ impl RtuReceiver {
 
     /// Time at which the frame ends if no more characters follow; [`Instant::NEVER`] on a silent line.
     #[must_use]
+    #[inline]
     pub fn deadline(&self) -> Instant {
         self.over
     }
@@ -262,6 +266,7 @@ impl RtuReceiver {
     ///
     /// # Errors
     /// The reason why the received characters are not a frame.
+    #[inline]
     pub fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         let state = self.state;
         self.clear();
@@ -273,6 +278,7 @@ impl RtuReceiver {
     }
 
     /// Drops the characters received so far.
+    #[inline]
     pub fn clear(&mut self) {
         self.state = State::Idle;
         self.over = Instant::NEVER;
