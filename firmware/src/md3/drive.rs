@@ -46,6 +46,8 @@ pub(super) struct Drive {
     eeprom: Eeprom,
     /// True while BUSY is switched to ground.
     busy: bool,
+    /// The earliest deadline of the parts. Characters and reads leave it as it is.
+    due: Instant,
 }
 
 impl Drive {
@@ -62,6 +64,7 @@ impl Drive {
             current: Current::new(version),
             eeprom: Eeprom::new(),
             busy: false,
+            due: Instant::NEVER,
         }
     }
 
@@ -79,12 +82,14 @@ impl Drive {
         self.settle(at, out);
         let delay = self.bank.clamped_value(Reg::StartupDelay).unsigned_abs();
         self.startup = Startup::begin(at, boot, passed, delay, out);
+        self.due = self.earliest();
         self.startup.receives_from()
     }
 
     /// Switches the power off. Only presets follow until the next power-on.
     pub(super) fn power_off(&mut self) {
         self.startup = Startup::OFF;
+        self.due = self.earliest();
     }
 
     /// Ends a start-up without delay. It is called before the first character is handled, when all other
@@ -93,6 +98,7 @@ impl Drive {
         if self.startup.wake() {
             self.ready(at, out);
             self.settle(at, out);
+            self.due = self.earliest();
         }
     }
 
@@ -108,6 +114,11 @@ impl Drive {
     }
 
     pub(super) fn deadline(&self) -> Instant {
+        debug_assert_eq!(self.due, self.earliest());
+        self.due
+    }
+
+    fn earliest(&self) -> Instant {
         self.startup
             .deadline()
             .min(self.motion.deadline())
@@ -118,7 +129,7 @@ impl Drive {
 
     /// Passes the instant to all parts, if one of them is due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if at < self.deadline() {
+        if at < self.due {
             return;
         }
         self.encoder.timeout(at);
@@ -129,6 +140,7 @@ impl Drive {
         self.with_motion(at, out, Motion::timeout);
         self.eeprom.timeout(at, out);
         self.settle(at, out);
+        self.due = self.earliest();
     }
 
     /// Carries out what follows from an event: motion, current, lights, BUSY, and the registers that show the
@@ -172,6 +184,7 @@ impl Drive {
             Input::StepsCorrection { steps, .. } => self.motion.correct_steps(steps),
             _ => {}
         }
+        self.due = self.earliest();
     }
 
     /// Handles a level at a pin. During the start-up it has no effect on the motion.
@@ -289,6 +302,7 @@ impl Drive {
             self.bank.set(reg, value);
             self.written(at, reg, out);
         }
+        self.due = self.earliest();
         Ok(())
     }
 
@@ -427,5 +441,6 @@ impl RequestHandler for Bus<'_> {
 
     fn written(&mut self, register: Reg) {
         self.drive.written(self.at, register, self.out);
+        self.drive.due = self.drive.earliest();
     }
 }
