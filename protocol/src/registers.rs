@@ -769,6 +769,7 @@ impl Entries {
 
     /// Index in the bank of a row's first word.
     #[must_use]
+    #[inline]
     pub fn offset(&self, row: usize) -> usize {
         self.offsets.get(row).copied().map_or(usize::MAX, usize::from)
     }

@@ -46,6 +46,8 @@ pub(super) struct Drive {
     eeprom: Eeprom,
     /// True while BUSY is switched to ground.
     busy: bool,
+    /// The earliest deadline of the parts. Characters and reads leave it as it is.
+    due: Instant,
 }
 
 impl Drive {
@@ -62,6 +64,7 @@ impl Drive {
             current: Current::new(version),
             eeprom: Eeprom::new(),
             busy: false,
+            due: Instant::NEVER,
         }
     }
 
@@ -79,12 +82,14 @@ impl Drive {
         self.settle(at, out);
         let delay = self.bank.clamped_value(Reg::StartupDelay).unsigned_abs();
         self.startup = Startup::begin(at, boot, passed, delay, out);
+        self.due = self.earliest();
         self.startup.receives_from()
     }
 
     /// Switches the power off. Only presets follow until the next power-on.
     pub(super) fn power_off(&mut self) {
         self.startup = Startup::OFF;
+        self.due = self.earliest();
     }
 
     /// Ends a start-up without delay. It is called before the first character is handled, when all other
@@ -93,6 +98,7 @@ impl Drive {
         if self.startup.wake() {
             self.ready(at, out);
             self.settle(at, out);
+            self.due = self.earliest();
         }
     }
 
@@ -108,6 +114,11 @@ impl Drive {
     }
 
     pub(super) fn deadline(&self) -> Instant {
+        debug_assert_eq!(self.due, self.earliest());
+        self.due
+    }
+
+    fn earliest(&self) -> Instant {
         self.startup
             .deadline()
             .min(self.motion.deadline())
@@ -118,7 +129,7 @@ impl Drive {
 
     /// Passes the instant to all parts, if one of them is due.
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if at < self.deadline() {
+        if at < self.due {
             return;
         }
         self.encoder.timeout(at);
@@ -129,6 +140,7 @@ impl Drive {
         self.with_motion(at, out, Motion::timeout);
         self.eeprom.timeout(at, out);
         self.settle(at, out);
+        self.due = self.earliest();
     }
 
     /// Carries out what follows from an event: motion, current, lights, BUSY, and the registers that show the
@@ -161,11 +173,13 @@ impl Drive {
         self.encoder.add_counts(steps, a, b);
         self.io.set_channels(a, b);
         self.stale = true;
+        self.due = self.earliest();
     }
 
     /// A board has made `steps` more steps than the plan has.
     pub(super) fn correct_steps(&mut self, steps: i32) {
         self.motion.correct_steps(steps);
+        self.due = self.earliest();
     }
 
     /// Handles a level at a pin. During the start-up it has no effect on the motion. Never inlined, because
@@ -196,6 +210,7 @@ impl Drive {
                 }
             }
         }
+        self.due = self.earliest();
     }
 
     /// The cause of a fault appears or ends.
@@ -203,6 +218,7 @@ impl Drive {
         if self.current.set_cause(fault, on) {
             self.with_motion(at, out, Motion::halt);
             self.settle(at, out);
+            self.due = self.earliest();
         }
     }
 
@@ -281,6 +297,7 @@ impl Drive {
             self.bank.set(reg, value);
             self.written(at, reg, out);
         }
+        self.due = self.earliest();
         Ok(())
     }
 
@@ -419,5 +436,6 @@ impl RequestHandler for Bus<'_> {
 
     fn written(&mut self, register: Reg) {
         self.drive.written(self.at, register, self.out);
+        self.drive.due = self.drive.earliest();
     }
 }

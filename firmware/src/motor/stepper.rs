@@ -660,10 +660,12 @@ impl Plant for StepperMotor {
         self.angle_of(self.interval.phase_at(at))
     }
 
-    // Compares angles without a division. An angle that is too large for the product is beyond the shaft.
+    // Compares angles without a division, and divided by 2²¹, a factor of `STEP`, so that the product fits.
     fn is_at_least(&self, at: Instant, angle: i64) -> bool {
-        let below = i128::from(angle.wrapping_sub(self.origin)) - 1;
-        self.interval.phase_at(at) << 32 > below.saturating_mul(self.turn())
+        const { assert!(STEP.trailing_zeros() == 21 && STEP >> 21 < 1 << 31) };
+        let turn = i128::from(self.steps_per_rev() * (STEP >> 21));
+        let angle = i128::from(angle.wrapping_sub(self.origin)) * turn;
+        self.interval.phase_at(at) << (32 - 21) > angle - turn
     }
 
     fn kinematics(&self) -> Kinematics {

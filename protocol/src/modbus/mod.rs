@@ -146,6 +146,7 @@ impl Receiver for rtu::RtuReceiver {
         self.set_line(at, line);
     }
 
+    #[inline]
     fn bytes(&mut self, at: Instant, bytes: &[u8]) {
         self.bytes(at, bytes);
     }
@@ -154,18 +155,22 @@ impl Receiver for rtu::RtuReceiver {
         self.rx_error(at);
     }
 
+    #[inline]
     fn deadline(&self) -> Instant {
         self.deadline()
     }
 
+    #[inline]
     fn take_body(&mut self) -> Option<Result<&[u8], DropReason>> {
         Some(self.take()?.and_then(|frame| rtu::verify_crc(frame).ok_or(DropReason::Crc)))
     }
 
+    #[inline]
     fn clear(&mut self) {
         self.clear();
     }
 
+    #[inline]
     fn message<'a>(&self, body: &'a mut Frame) -> &'a [u8] {
         rtu::append_crc(body);
         body

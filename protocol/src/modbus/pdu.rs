@@ -110,6 +110,7 @@ pub enum Request<'a> {
 impl<'a> Request<'a> {
     /// Parses a request; `None` if it does not have the length that its function requires.
     #[must_use]
+    #[inline]
     pub fn parse(pdu: &'a [u8]) -> Option<Self> {
         let (&function, data) = pdu.split_first()?;
         let words = |data: &[u8]| match *data {

@@ -19,8 +19,6 @@
 //! assert_eq!(rtu::verify_crc(&request), Some(&request[..6]));
 //! ```
 
-use crc::{CRC_16_MODBUS, Crc};
-
 use super::pdu::{
     ENCAPSULATED_INTERFACE, EXCEPTION_BIT, READ_COILS, READ_DISCRETE_INPUTS, READ_HOLDING_REGISTERS,
     READ_INPUT_REGISTERS, WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL,
@@ -30,28 +28,71 @@ use super::{DropReason, Expect, FRAME_BYTES, Frame, Scan};
 use crate::line::Line;
 use crate::time::{Duration, Instant};
 
-/// Table of the CRC: 512 bytes, or 8 KiB at twice the speed with the feature `large-crc-table` (PROJECT-10).
-#[cfg(not(feature = "large-crc-table"))]
-type Table = crc::Table<1>;
-#[cfg(feature = "large-crc-table")]
-type Table = crc::Table<16>;
+/// The CRC before the first byte.
+const INITIAL: u16 = 0xFFFF;
+/// x^15 + x + 1 in the bit order of the CRC: the lowest bit is x^15.
+const Q: u16 = 0xC001;
 
-static CRC: Crc<u16, Table> = Crc::<u16, Table>::new(&CRC_16_MODBUS);
-
-/// The CRC of `bytes` (serial 2.5.1.2). A frame contains its low byte first.
+/// The CRC of `bytes` (serial 2.5.1.2). A frame contains its low byte first. The CRC of a whole frame is 0.
+///
+/// Needs no table and handles 8 bytes at a time, because the polynomial x^16 + x^15 + x^2 + 1 is (x + 1)·Q with
+/// Q = x^15 + x + 1 (PROJECT-10). Modulo Q, x^15 = x + 1, x^16 = x^2 + x, x^32 = x^4 + x^2 and x^64 = x^8 + x^4, so
+/// shifts divide by Q. The remainder of the division by x + 1 is the parity of all bits.
 #[must_use]
 pub const fn crc(bytes: &[u8]) -> u16 {
-    CRC.checksum(bytes)
+    let Some(start) = bytes.first_chunk() else { return crc_of_few(bytes) };
+    // The first word has 1 to 8 bytes, and zeros before them; the others have 8. The highest bit of a word is x^0.
+    let zeros = bytes.len().wrapping_neg() % 8;
+    let rest = if let Some((_, rest)) = bytes.split_at_checked(8 - zeros) { rest } else { &[] };
+    let mut words = rest.as_chunks().0;
+    let mut sum = (u64::from_le_bytes(*start) ^ INITIAL as u64) << (8 * zeros);
+    let mut parity = sum;
+    // The second byte of the message may be in the second word.
+    let mut initial = if zeros == 7 { INITIAL as u64 >> 8 } else { 0 };
+    while let [word, more @ ..] = words {
+        let word = u64::from_le_bytes(*word) ^ initial;
+        parity ^= word;
+        // The lowest 8 bits are x^56 to x^63: times x^8 and x^4 they exceed the word, and are reduced once more.
+        let reduced = sum ^ sum << 56 ^ sum << 60;
+        sum = word ^ reduced >> 8 ^ reduced >> 4;
+        (words, initial) = (more, 0);
+    }
+    // Reduce by x^32, multiply by x^16, reduce by x^15 twice. Then the highest 16 bits remain.
+    let half = sum << 32;
+    let sum = sum >> 32 << 32 ^ half >> 2 ^ half >> 4;
+    let sum = reduced_by_x15(reduced_by_x15(sum >> 2 ^ sum >> 1)) >> 48;
+    let is_odd = (parity ^ sum).count_ones() % 2 == 1;
+    sum as u16 ^ if is_odd { Q } else { 0 }
+}
+
+/// Replaces x^15 by x + 1 in all powers from x^15 on. The highest bit is x^0.
+const fn reduced_by_x15(sum: u64) -> u64 {
+    let high = sum << 15;
+    sum >> 49 << 49 ^ high >> 1 ^ high
+}
+
+/// The CRC of fewer than 8 bytes, one after the other.
+const fn crc_of_few(mut bytes: &[u8]) -> u16 {
+    let mut sum = INITIAL;
+    while let [byte, rest @ ..] = bytes {
+        let low = (sum ^ *byte as u16) & 0xFF;
+        let parity = if low.count_ones() % 2 == 1 { Q } else { 0 };
+        sum = sum >> 8 ^ low << 6 ^ low << 7 ^ parity;
+        bytes = rest;
+    }
+    sum
 }
 
 /// The frame without its CRC; `None` if the CRC does not match.
 #[must_use]
+#[inline]
 pub fn verify_crc(frame: &[u8]) -> Option<&[u8]> {
-    let (body, sum) = frame.split_last_chunk::<2>()?;
-    (crc(body) == u16::from_le_bytes(*sum)).then_some(body)
+    let (body, _) = frame.split_last_chunk::<2>()?;
+    (crc(frame) == 0).then_some(body)
 }
 
 /// Appends the CRC of `frame`. Does nothing if `frame` has no room for the CRC.
+#[inline]
 pub fn append_crc(frame: &mut Frame) {
     let sum = crc(frame);
     // A reply has at most 254 bytes here, so the CRC has room.
@@ -171,6 +212,7 @@ impl RtuReceiver {
     ///
     /// If the silence before these characters ended a frame, the caller must first take this frame: see
     /// [`is_over`](Self::is_over).
+    #[inline]
     pub fn bytes(&mut self, at: Instant, bytes: &[u8]) {
         let Some(others) = bytes.len().checked_sub(1) else { return };
         self.character_began(at);
@@ -209,6 +251,7 @@ impl RtuReceiver {
 
     /// Time at which the frame ends if no more characters follow; [`Instant::NEVER`] on a silent line.
     #[must_use]
+    #[inline]
     pub fn deadline(&self) -> Instant {
         self.over
     }
@@ -223,6 +266,7 @@ impl RtuReceiver {
     ///
     /// # Errors
     /// The reason why the received characters are not a frame.
+    #[inline]
     pub fn take(&mut self) -> Option<Result<&[u8], DropReason>> {
         let state = self.state;
         self.clear();
@@ -234,6 +278,7 @@ impl RtuReceiver {
     }
 
     /// Drops the characters received so far.
+    #[inline]
     pub fn clear(&mut self) {
         self.state = State::Idle;
         self.over = Instant::NEVER;
@@ -827,6 +872,14 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn the_crc_is_that_of_another_implementation(bytes in proptest::collection::vec(any::<u8>(), 0..=FRAME_BYTES)) {
+            const OTHER: crc::Crc<u16> = crc::Crc::<u16>::new(&crc::CRC_16_MODBUS);
+            for length in 0..=bytes.len() {
+                prop_assert_eq!(crc(&bytes[..length]), OTHER.checksum(&bytes[..length]));
+            }
+        }
+
         #[test]
         fn requests_are_found_whole_in_any_split(
             one in request(), other in request(), reads in proptest::collection::vec(1_usize..40, 1..8),
