@@ -313,7 +313,7 @@ fn with_silences(messages: &[Vec<u8>]) -> Vec<Result<Vec<u8>, DropReason>> {
     heard.collect()
 }
 
-/// Returns true if by chance a CRC also holds from the begin of a request to a byte within a later one. Without silences
+/// Returns true if by chance a CRC also holds from the beginning of a request to a byte within a later one. Without silences
 /// nothing tells then where a request of an unlisted function ends.
 fn is_ambiguous(requests: &[Vec<u8>]) -> bool {
     (0..requests.len()).any(|first| {

@@ -168,7 +168,7 @@ impl Drive {
         call(motion, &mut Now { at, bank, io, current, out })
     }
 
-    /// A hardware counter of a board has counted quarter cycles.
+    /// Adds quarter cycles that a hardware counter of a board has counted.
     pub(super) fn count(&mut self, steps: i32, a: bool, b: bool) {
         self.encoder.add_counts(steps, a, b);
         self.io.set_channels(a, b);
@@ -176,7 +176,7 @@ impl Drive {
         self.due = self.earliest();
     }
 
-    /// A board has made `steps` more steps than the plan has.
+    /// Adds `steps` that a board has made in addition to the plan.
     pub(super) fn correct_steps(&mut self, steps: i32) {
         self.motion.correct_steps(steps);
         self.due = self.earliest();

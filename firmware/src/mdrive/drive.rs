@@ -15,8 +15,8 @@
 //! | `hybrid` | additional functions of a Hybrid |
 //! | `io` | the I/O points |
 //!
-//! `registers`, `variables::stored`, `startup`, `saved`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles, program, vm,
-//! trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
+//! `registers`, `variables::stored`, `startup`, `saved`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles,
+//! program, vm, trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
 //! `start`, `variables` and `reader`. Above it are its two languages, which act on it
 //! during a request or a line: `modbus` and `mcode::Interpreter`.
 //!

@@ -212,7 +212,7 @@ pub struct Bench {
     deadlines: Tournament,
     /// True if `order`, `ranks` and `deadlines` are up to date.
     indexed: bool,
-    /// True while characters are delivered to the drives of a line.
+    /// True while deadlines are set without comparing them, because characters go to all drives of a line.
     hears: bool,
     /// True to schedule an event for each drive of a line, for a test that the traces are equal.
     #[cfg(test)]

@@ -30,13 +30,13 @@ use crate::time::{Duration, Instant};
 
 /// The CRC before the first byte.
 const INITIAL: u16 = 0xFFFF;
-/// x^15 + x + 1 in the bit order of the CRC: the lowest bit is x^15.
-const Q: u16 = 0xC001;
+/// The polynomial of the CRC divided by x + 1: x^15 + x + 1, in the bit order of the CRC (the lowest bit is x^15).
+const QUOTIENT: u16 = 0xC001;
 
 /// The CRC of `bytes` (serial 2.5.1.2). A frame contains its low byte first. The CRC of a whole frame is 0.
 ///
-/// Needs no table and handles 8 bytes at a time, because the polynomial x^16 + x^15 + x^2 + 1 is (x + 1)·Q with
-/// Q = x^15 + x + 1 (PROJECT-10). Modulo Q, x^15 = x + 1, x^16 = x^2 + x, x^32 = x^4 + x^2 and x^64 = x^8 + x^4, so
+/// Needs no table and handles 8 bytes at a time, because the polynomial x^16 + x^15 + x^2 + 1 is the product of x + 1
+/// and the quotient Q = x^15 + x + 1 (PROJECT-10). Modulo Q, x^15 = x + 1, x^16 = x^2 + x, x^32 = x^4 + x^2 and x^64 = x^8 + x^4, so
 /// shifts divide by Q. The remainder of the division by x + 1 is the parity of all bits.
 #[must_use]
 pub const fn crc(bytes: &[u8]) -> u16 {
@@ -62,7 +62,7 @@ pub const fn crc(bytes: &[u8]) -> u16 {
     let sum = sum >> 32 << 32 ^ half >> 2 ^ half >> 4;
     let sum = reduced_by_x15(reduced_by_x15(sum >> 2 ^ sum >> 1)) >> 48;
     let is_odd = (parity ^ sum).count_ones() % 2 == 1;
-    sum as u16 ^ if is_odd { Q } else { 0 }
+    sum as u16 ^ if is_odd { QUOTIENT } else { 0 }
 }
 
 /// Replaces x^15 by x + 1 in all powers from x^15 on. The highest bit is x^0.
@@ -76,7 +76,7 @@ const fn crc_of_few(mut bytes: &[u8]) -> u16 {
     let mut sum = INITIAL;
     while let [byte, rest @ ..] = bytes {
         let low = (sum ^ *byte as u16) & 0xFF;
-        let parity = if low.count_ones() % 2 == 1 { Q } else { 0 };
+        let parity = if low.count_ones() % 2 == 1 { QUOTIENT } else { 0 };
         sum = sum >> 8 ^ low << 6 ^ low << 7 ^ parity;
         bytes = rest;
     }

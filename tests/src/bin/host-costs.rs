@@ -37,12 +37,12 @@ const WORKS: [Work; 7] = [
     },
     Work {
         name: "request, 247 drives on a line",
-        rounds: [30, 60],
+        rounds: [250, 300],
         run: |rounds| ask(247, LineMode::Timed, rounds),
     },
     Work {
         name: "request, 247 drives on a fast line",
-        rounds: [30, 60],
+        rounds: [250, 300],
         run: |rounds| ask(247, LineMode::Fast, rounds),
     },
     Work { name: "request, Modbus/TCP", rounds: [100, 1_100], run: tcp_requests },

@@ -8,6 +8,9 @@ use crate::now;
 /// Number of times that the clock is asked.
 const TIMES: usize = 50;
 
+/// Error of a time that the control API prints, in seconds.
+const ROUNDING: f64 = 1e-5;
+
 /// Bench time minus time of the computer, in seconds: a range that contains it.
 ///
 /// The bench reads its clock at some time between the request and the reply. So a reply says only that the difference is
@@ -35,6 +38,9 @@ impl Offset {
             let after = (now() - start).as_secs_f64();
             offset.least = offset.least.max(bench - after);
             offset.most = offset.most.min(bench - before);
+        }
+        if offset.least > offset.most + ROUNDING {
+            return Err(format!("the clock of the bench jumped while it was read {TIMES} times"));
         }
         Ok(offset)
     }

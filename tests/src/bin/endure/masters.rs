@@ -22,7 +22,7 @@ const FAULTY_PATIENCE: Duration = Duration::from_millis(250);
 const SILENCE: Duration = Duration::from_millis(2);
 /// Wait before another attempt to connect.
 const AGAIN: Duration = Duration::from_millis(50);
-/// Requests of which the first is a write.
+/// Each request with a number that this divides is a write.
 const CYCLE: u32 = 4;
 /// Longest time that a late master makes up.
 const LATE: Duration = Duration::from_secs(1);
@@ -30,10 +30,16 @@ const LATE: Duration = Duration::from_secs(1);
 /// State of the power of each drive whose power fails: odd while the drive has no power or is starting.
 pub(crate) type Power = BTreeMap<&'static str, AtomicU64>;
 
+/// Longest time between two requests at one port that fills up the rate, in nanoseconds: each drive must get its
+/// messages in the warm-up, whatever the rate.
+const SLOWEST: u64 = 50_000_000;
+
 /// All masters of the run.
 pub(crate) struct Masters {
-    /// Number of threads that come to the gate.
+    /// Number of masters, which wait at their gate.
     pub(crate) count: usize,
+    /// Number of threads that act from outside, which wait at theirs.
+    pub(crate) actions: usize,
     /// Nanoseconds between two requests at one port that fills up the rate.
     pace: Arc<AtomicU64>,
     fillers: Vec<&'static Line>,
@@ -41,7 +47,7 @@ pub(crate) struct Masters {
 
 impl Masters {
     /// Starts the masters, and the actions from outside.
-    pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>) -> Self {
+    pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>, actions: &Arc<Gate>) -> Self {
         let power: Arc<Power> =
             Arc::new(POWER_FAILS.iter().map(|&(drive, _)| (drive, AtomicU64::new(1))).collect());
         let pace = Arc::new(AtomicU64::new(1_000_000));
@@ -53,14 +59,14 @@ impl Masters {
             let mut master = Master::new(plan, place, pace, (tally, gate, &power));
             thread::spawn(move || master.run());
         }
-        let others = stimulus::start(ready, tally, gate, &power);
-        Self { count: PLANS.len() + others, pace, fillers }
+        let actions = stimulus::start(ready, tally, actions, &power);
+        Self { count: PLANS.len(), actions, pace, fillers }
     }
 
     /// Lets the masters at Modbus/TCP send so many requests per second together.
     pub(crate) fn fill(&self, rate: u64) {
         let each = 1_000_000_000 * self.fillers.len() as u64 / rate.max(1);
-        self.pace.store(each, Ordering::Relaxed);
+        self.pace.store(each.min(SLOWEST), Ordering::Relaxed);
     }
 
     /// Number of right replies to the masters that fill up the rate.
@@ -142,6 +148,7 @@ impl Master {
     fn run(&mut self) {
         loop {
             if self.gate.is_closed() {
+                self.probe();
                 self.open_all();
                 self.gate.pass();
                 self.next = now();
@@ -152,6 +159,15 @@ impl Master {
             }
             for index in 0..self.seats.len() {
                 self.receive(index);
+            }
+        }
+    }
+
+    /// Forgets the connections that the drive has closed.
+    fn probe(&mut self) {
+        for seat in &mut self.seats {
+            if seat.wire.as_mut().is_some_and(|wire| wire.drain().is_err()) {
+                seat.wire = None;
             }
         }
     }

@@ -82,13 +82,14 @@ impl Process {
             .map_err(|error| format!("drivetwin has no /proc: {error}"))?;
         let number = |name: &str| {
             let line = status.lines().find_map(|line| line.strip_prefix(name)).unwrap_or("");
-            line.split_whitespace().next().and_then(|number| number.parse().ok()).unwrap_or(0)
+            let number = line.split_whitespace().next().and_then(|number| number.parse().ok());
+            number.ok_or_else(|| format!("drivetwin has no {name} in /proc"))
         };
         Ok(Resources {
-            resident_kib: number("VmRSS:"),
-            peak_kib: number("VmHWM:"),
+            resident_kib: number("VmRSS:")?,
+            peak_kib: number("VmHWM:")?,
             handles: self.handles(),
-            threads: number("Threads:"),
+            threads: number("Threads:")?,
         })
     }
 
