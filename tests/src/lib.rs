@@ -7,6 +7,7 @@
 pub struct Readme;
 
 pub mod at_cable;
+pub mod busy;
 pub mod exact;
 pub mod fuzzed;
 pub mod md3;

@@ -6,15 +6,13 @@
 use std::process::Command;
 
 use drivetwin_firmware::device::{Device, Port};
-use drivetwin_firmware::md3::Md3;
 use drivetwin_firmware::mdrive::Mdrive;
-use drivetwin_protocol::modbus::{rtu, tcp};
+use drivetwin_protocol::modbus::tcp;
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, DriveId, Settings, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::line::LineMode;
-use drivetwin_sim::record::trace::Retention;
-use drivetwin_tests::toy::Toy;
+use drivetwin_tests::busy::{Party, Toys};
 
 /// Numbers of drives for the bytes of one. Between powers of two every list has grown by as much as the drives.
 const DRIVES: [u64; 2] = [256, 512];
@@ -28,69 +26,37 @@ struct Work {
 }
 
 const WORKS: [Work; 7] = [
-    Work { name: "event, 1 seat", rounds: [1_000, 11_000], run: |rounds| events(1, rounds) },
-    Work { name: "event, 1,000 seats", rounds: [1_000, 11_000], run: |rounds| events(1_000, rounds) },
+    Work { name: "event, 1 seat", rounds: [1_000, 11_000], run: |rounds| Toys::new(1).run(rounds) },
+    Work { name: "event, 1,000 seats", rounds: [1_000, 11_000], run: |rounds| Toys::new(1_000).run(rounds) },
     Work {
         name: "request, a drive on a line",
         rounds: [30, 130],
-        run: |rounds| ask(1, LineMode::Timed, rounds),
+        run: |rounds| Party::new(1, LineMode::Timed).ask(rounds),
     },
     Work {
         name: "request, 247 drives on a line",
         rounds: [250, 300],
-        run: |rounds| ask(247, LineMode::Timed, rounds),
+        run: |rounds| Party::new(247, LineMode::Timed).ask(rounds),
     },
     Work {
         name: "request, 247 drives on a fast line",
         rounds: [250, 300],
-        run: |rounds| ask(247, LineMode::Fast, rounds),
+        run: |rounds| Party::new(247, LineMode::Fast).ask(rounds),
     },
     Work { name: "request, Modbus/TCP", rounds: [100, 1_100], run: tcp_requests },
     Work { name: "line of MCode", rounds: [100, 1_100], run: mcode_lines },
 ];
 
-/// Runs a bench of toys, each with an event every 10 ms, for so many events.
-fn events(seats: u64, events: u64) {
-    let mut bench = Bench::with(Settings { trace: Retention::Off, ..Settings::default() });
-    for seat in 0..seats {
-        bench.run_until((seat * 10_000 / seats).micros());
-        bench.add::<Toy>(&format!("toy{seat}"));
-    }
-    bench.run_until(1.secs());
-    bench.run_until(bench.now() + (events * 10_000 / seats).micros());
-}
-
 /// Adds a drive that starts without a delay.
-fn add(bench: &mut Bench, name: &str, device: Box<dyn Device>, presets: Vec<(usize, i64)>) -> DriveId {
-    let setup = Setup { boot_fast: true, presets, ..Setup::default() };
-    bench.add_with(name, device, setup).expect("the presets are valid")
-}
-
-/// Asks MD3s on one line in turn.
-fn ask(drives: u8, mode: LineMode, requests: u64) {
-    let mut bench = Bench::with(Settings { line: mode, ..Settings::default() });
-    let mut ports = Vec::new();
-    for address in 1..=drives {
-        let row = Md3::new().spec().find("DeviceAddress").expect("an MD3 has an address").row;
-        let drive =
-            add(&mut bench, &format!("x{address}"), Box::new(Md3::new()), vec![(row, address.into())]);
-        ports.push((drive, Port(0)));
-    }
-    if drives > 1 {
-        bench.share("line", &ports);
-    }
-    bench.run_until(1.secs());
-    let mut turns = (1..=drives).zip(ports).cycle();
-    for _ in 0..requests {
-        let (address, (drive, _)) = turns.next().expect("a cycle");
-        assert_eq!(bench.ask(drive, &rtu::read(address, 0, 1)).len(), 7);
-    }
+fn add(bench: &mut Bench, name: &str, device: Box<dyn Device>) -> DriveId {
+    let setup = Setup { boot_fast: true, ..Setup::default() };
+    bench.add_with(name, device, setup).expect("the name is free")
 }
 
 /// Sends messages to a port of an MDrive, each with an answer.
 fn mdrive(port: Port, message: &[u8], answer: &[u8], count: u64) {
     let mut bench = Bench::new();
-    let drive = add(&mut bench, "x", Box::new(Mdrive::plus()), Vec::new());
+    let drive = add(&mut bench, "x", Box::new(Mdrive::plus()));
     bench.run_until(1.secs());
     let client = bench.connect_to(drive, port).expect("a connection is free");
     let mut received = Vec::new();
@@ -117,7 +83,7 @@ fn mcode_lines(count: u64) {
 fn idle(kind: &str, count: u64) {
     let mut bench = Bench::new();
     for number in 0..count {
-        add(&mut bench, &format!("x{number}"), catalog::make(kind).expect("a kind"), Vec::new());
+        add(&mut bench, &format!("x{number}"), catalog::make(kind).expect("a kind"));
     }
     bench.run_until(1.secs());
 }
