@@ -9,6 +9,9 @@ use crate::device::{Duration, Instant};
 /// Least time over which a speed is measured. A window has a whole number of counts. The minimum keeps the
 /// rounding to ticks out of the result.
 const MIN_WINDOW: Duration = Duration::millis(2);
+/// Least time over which the counts per turn are measured in a new direction, which may reverse before a window is
+/// complete. The rounding of two edges to ticks is then 1/512.
+const MIN_TURNED: Duration = Duration::from_ticks(2 * 512);
 /// Time without an edge after which a shaft counts as standing. Our choice, because the manuals do not
 /// specify it: 5 rpm with 12 counts per turn.
 const STILL_AFTER: Duration = Duration::secs(1);
@@ -90,13 +93,16 @@ impl Edges {
         }
         self.counts = self.counts.saturating_add(if forward { 1 } else { -1 });
         let span = at.since(self.since);
+        let least = if self.measured.is_none() { MIN_TURNED } else { MIN_WINDOW };
+        if span >= least
+            && let (Some(from), Some(to)) = (self.window_angle, self.angle)
+        {
+            self.measure(self.counts, to.wrapping_sub(from));
+        }
         if span < MIN_WINDOW {
             return;
         }
         let counts = core::mem::take(&mut self.counts);
-        if let (Some(from), Some(to)) = (self.window_angle, self.angle) {
-            self.measure(counts, to.wrapping_sub(from));
-        }
         (self.since, self.window_angle, self.measured) = (at, self.angle, Some((counts, span)));
     }
 

@@ -682,6 +682,23 @@ fn on_another(settings: Settings, motor: Parameters) -> Bench {
     bench
 }
 
+/// With the nominal counts per turn the servo believes that the distance is six times as long in turns. The motor
+/// passes the target to and fro, and makes two edges 1.86 ms apart in each direction.
+#[test]
+fn a_move_of_one_count_of_many_learns_the_counts_in_two_edges() {
+    let motor = Parameters {
+        no_load_rpm: 1_500,
+        hall_pulses: 12,
+        inertia_gcm2: 100,
+        resistance_mohm: 200,
+        ..Parameters::NOMINAL
+    };
+    let mut bench = on_another(Settings { pulses: 2, speed: 673, acc: 633, dec: 752, ..FACTORY }, motor);
+    bench.feed(tell::GO, 1);
+    assert!(bench.finish() < Duration::millis(50));
+    assert_eq!((bench.ask(ask::POSITION), bench.ask(ask::LEFT)), (1, 0));
+}
+
 #[test]
 fn a_heavy_motor_that_was_learnt_wrongly_is_waited_for() {
     // The current is at its limit from the start.
