@@ -256,6 +256,8 @@ impl Motion {
                 (Plan::profile(at, plan.position_at(at), steps, rates), Preemption::AtOnce)
             }
             Circuit::Spin { speed, acceleration } => {
+                // A command that waits since the last torque mode has no effect in this one (MDRIVE-28).
+                self.queue.set(None);
                 (plan.ramp_to(at, speed, acceleration), Preemption::Never)
             }
             Circuit::Slow { deceleration } => {

@@ -550,6 +550,25 @@ fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
 /// The load is heavier than torque and friction. The surplus of 1 mN·m at 4·10⁻⁵ kg·m² is 25 rad/s²: in 0.2 s
 /// half a radian, 318 of 4,000 counts. After the load is removed, 110 mN·m stop its 5 rad/s within 2 ms, and
 /// torque turns the rotor again.
+/// A command that waits until the rotor stands is dropped if torque mode begins again (MDRIVE-28).
+#[test]
+fn a_command_that_waits_ends_with_the_next_torque_mode() {
+    for again in [false, true] {
+        let mut dut = dut();
+        dut.set(Reg::AS, 3);
+        dut.wait(400.millis());
+        dut.set(Reg::AS, 1);
+        dut.set(Reg::SL, 5_000);
+        if again {
+            dut.set(Reg::AS, 3);
+            dut.wait(1.secs());
+            dut.set(Reg::AS, 1);
+        }
+        dut.wait(10.secs());
+        assert_eq!(dut.get(Reg::V), if again { 0 } else { 5_000 });
+    }
+}
+
 #[test]
 fn a_load_turns_the_rotor_back_in_torque_mode() {
     let mut dut = dut();
