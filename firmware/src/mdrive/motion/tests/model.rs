@@ -91,7 +91,7 @@ proptest! {
         let mut bench = Bench::new(settings);
         let mut model = Model { x: 0.0, v: 0.0, aim: Aim::Speed(0.0), settings };
         let mut fastest = 0.0_f64;
-        for (order, ms) in orders {
+        for (ramps, (order, ms)) in (1_u8..).map(f64::from).zip(orders) {
             let mut differ = 0;
             // One step of the model on the steeper ramp is several on the flatter ramp. Motion may reverse
             // that much earlier or later.
@@ -110,10 +110,11 @@ proptest! {
                     // At each end of a ramp the position may be off by a step of the model. If speeds agree
                     // to within `near` when a command arrives, their reversals are apart by the time of this
                     // difference. A steep ramp that ends a step of the model later begins the flat ramp so much
-                    // faster, and the stop is further by this speed's part of the flat ramp.
+                    // faster, and the stop is further by this speed's part of the flat ramp. Each command may add
+                    // such a ramp.
                     let off = (f64::from(bench.c1()) - model.x).abs();
                     let late = (3.0 * STEP * steep + 1.0) / flat;
-                    let beside = 3.0 + f64::from(turn) * STEP * f64::from(start) + late * model.v.abs() + STEP * steep / flat * fastest;
+                    let beside = 3.0 + f64::from(turn) * STEP * f64::from(start) + late * model.v.abs() + ramps * STEP * steep / flat * fastest;
                     prop_assert!(off <= beside, "{} at {} ms: {} and {}", off, bench.ms(), bench.c1(), model.x);
                     let (low, high) = (model.v.min(before), model.v.max(before));
                     // At VI a small fraction of a step may take long.
