@@ -819,6 +819,13 @@ pub trait Device: Send {
         Instant::ZERO
     }
 
+    /// Returns true if a whole Modbus frame for the slave `address` would have no effect but the report
+    /// [`DropReason::Address`]. Its characters end at `at`, before the next [deadline](Self::deadline), and the line is
+    /// silent before and after them. The caller need not pass such a frame to the drive.
+    fn is_for_others(&self, _at: Instant, _port: Port, _address: u8) -> bool {
+        false
+    }
+
     /// Time of the next deadline; [`Instant::NEVER`] if only an input can change anything.
     fn deadline(&self) -> Instant;
 
@@ -902,6 +909,10 @@ impl<D: Device + ?Sized> Device for &mut D {
 
     fn receives_from(&self) -> Instant {
         (**self).receives_from()
+    }
+
+    fn is_for_others(&self, at: Instant, port: Port, address: u8) -> bool {
+        (**self).is_for_others(at, port, address)
     }
 
     fn deadline(&self) -> Instant {

@@ -83,6 +83,13 @@ impl<R: Receiver> ModbusPort<R> {
         is_receiving
     }
 
+    /// Returns true if the slave `unit` would only drop a whole frame for the slave `address` that ends at `at`.
+    #[must_use]
+    pub fn is_for_others(&self, at: Instant, unit: u8, rules: &Rules, address: u8) -> bool {
+        let is_silent = self.deadline() == Instant::NEVER;
+        is_silent && at >= self.receives_from && address != unit && rules.broadcast != Some(address)
+    }
+
     /// Time at which a message ends if no more characters follow.
     #[must_use]
     pub fn deadline(&self) -> Instant {

@@ -232,6 +232,10 @@ impl Device for Md3 {
         self.serial.receives_from()
     }
 
+    fn is_for_others(&self, at: Instant, _port: Port, address: u8) -> bool {
+        self.serial.is_for_others(at, self.drive.address(), &RULES, address)
+    }
+
     fn deadline(&self) -> Instant {
         self.drive.deadline().min(self.serial.deadline())
     }

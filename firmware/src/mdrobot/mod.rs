@@ -236,6 +236,10 @@ impl Device for Mdrobot {
         self.serial.receives_from()
     }
 
+    fn is_for_others(&self, at: Instant, _port: Port, address: u8) -> bool {
+        self.serial.is_for_others(at, self.drive.unit(), &RULES, address)
+    }
+
     fn deadline(&self) -> Instant {
         self.drive.deadline().min(self.serial.deadline())
     }

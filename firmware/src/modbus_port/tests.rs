@@ -1,5 +1,6 @@
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::RtuOrAscii;
+use drivetwin_protocol::modbus::pdu::Exception;
 
 use super::*;
 
@@ -116,4 +117,30 @@ fn what_ends_before_it_hears_is_lost() {
         let deaf = LogEvent::Dropped { port: RS485, why: DropReason::Starting };
         assert_eq!(out.notes, [(START + Duration::secs(9), deaf)]);
     }
+}
+
+#[test]
+fn a_frame_for_others_is_one_that_the_slave_only_drops() {
+    let rules = Rules {
+        functions: &[],
+        broadcast: Some(0),
+        max_read: 0,
+        max_written: 0,
+        bits_per_word: 16,
+        partial_writes: false,
+        bad_quantity: Exception::IllegalDataValue,
+        bad_value: Exception::IllegalDataValue,
+        read_only: Exception::IllegalDataAddress,
+    };
+    let mut out = recorder();
+    let mut port = powered(RTU, &mut out);
+    let before = START - Duration::TICK;
+    for (at, address, is_for_others) in
+        [(START, 2, true), (START, 1, false), (START, 0, false), (before, 2, false)]
+    {
+        assert_eq!(port.is_for_others(at, 1, &rules, address), is_for_others, "{at:?} {address}");
+    }
+    // A part of a frame becomes a longer one, with an error.
+    port.bytes(START, &RTU_BODY[..3], &mut out);
+    assert!(!port.is_for_others(START + Duration::millis(1), 1, &rules, 2));
 }

@@ -2,8 +2,8 @@
 
 use super::{AXIS, Command, HALLS, Motor, Parameters, Plant, Report, Reports, Rotation, Sensor};
 use crate::device::{
-    Axis, Boot, Context, Device, Duration, Fault, Input, Instant, Level, Output, Pin, PresetError, Shaft,
-    Spec,
+    Axis, Boot, Context, Device, Duration, Fault, Input, Instant, Level, Output, Pin, Port, PresetError,
+    Shaft, Spec,
 };
 
 /// A drive with a simulated motor.
@@ -246,6 +246,10 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
 
     fn receives_from(&self) -> Instant {
         self.drive.receives_from()
+    }
+
+    fn is_for_others(&self, at: Instant, port: Port, address: u8) -> bool {
+        self.drive.is_for_others(at, port, address)
     }
 
     fn deadline(&self) -> Instant {

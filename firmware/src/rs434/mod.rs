@@ -299,6 +299,11 @@ impl Device for Rs434 {
         self.drive.receives_from().unwrap_or(Instant::NEVER)
     }
 
+    fn is_for_others(&self, at: Instant, _port: Port, address: u8) -> bool {
+        let unit = self.manners.as_ref().map(|manners| manners.unit);
+        unit.is_some_and(|unit| self.serial.is_for_others(at, unit, &RULES, address))
+    }
+
     fn deadline(&self) -> Instant {
         self.due.min(self.drive.line_due())
     }

@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use drivetwin_firmware::device::{Axis, Encoder, Instant, Level, Pin, Port};
+use drivetwin_protocol::modbus::{FRAME_BYTES, rtu};
 
 use super::DriveId;
 use super::tcp_faults::StreamPart;
 use crate::line::Refusal;
 use crate::record::trace::InputRecord;
-use crate::slot::PinStimulus;
+use crate::slot::{PinStimulus, WholeFrame};
 
 /// Characters that the ports of a line receive at the same instant, one after the other in the order of their drives.
 /// If characters take no time, each port then detects the end of the frame.
@@ -22,6 +23,8 @@ pub(crate) struct Heard {
     pub(crate) began: Option<Instant>,
     /// True if each port detects the end of the frame at the same instant.
     ends: bool,
+    /// Address of the slave, if the characters and their end are a whole RTU frame.
+    address: Option<u8>,
     /// Index of the next receiver.
     next: usize,
     /// True if the next receiver has the characters already.
@@ -37,24 +40,40 @@ impl Heard {
         began: Option<Instant>,
         ends: bool,
     ) -> Self {
-        Self { bytes, receivers, except, began, ends, next: 0, has_bytes: false }
+        let address = rtu::verify_crc(&bytes).and_then(|frame| frame.first().copied());
+        let address = address.filter(|_| ends && bytes.len() <= FRAME_BYTES);
+        Self { bytes, receivers, except, began, ends, address, next: 0, has_bytes: false }
     }
 
-    /// The drive that receives next, and its input.
-    pub(crate) fn first(&mut self) -> Option<(DriveId, InputRecord)> {
+    /// The whole frame that the next receiver gets; `None` if the characters are none, or if it has them already.
+    pub(crate) fn frame(&self) -> Option<WholeFrame<'_>> {
+        let (&(_, port), address) =
+            (self.receivers.get(self.next)?, self.address.filter(|_| !self.has_bytes)?);
+        Some(WholeFrame { port, address, bytes: &self.bytes, began: self.began })
+    }
+
+    /// The drive that receives next.
+    pub(crate) fn receiver(&mut self) -> Option<DriveId> {
         if self.except.is_some() && self.receivers.get(self.next).copied() == self.except {
             self.next += 1;
         }
-        let &(drive, port) = self.receivers.get(self.next)?;
-        let bytes = &self.bytes;
-        let end = InputRecord::Idle { port };
-        Some((
-            drive,
-            if self.has_bytes { end } else { InputRecord::Bytes { port, bytes: Arc::clone(bytes) } },
-        ))
+        self.receivers.get(self.next).map(|&(drive, _)| drive)
     }
 
-    /// Removes the [first](Self::first) input.
+    /// The next input of the [receiver](Self::receiver).
+    pub(crate) fn input(&self) -> Option<InputRecord> {
+        let &(_, port) = self.receivers.get(self.next)?;
+        let bytes = &self.bytes;
+        let end = InputRecord::Idle { port };
+        Some(if self.has_bytes { end } else { InputRecord::Bytes { port, bytes: Arc::clone(bytes) } })
+    }
+
+    /// Removes the [frame](Self::frame) of the next receiver.
+    pub(crate) fn pop_frame(&mut self) {
+        self.next += 1;
+    }
+
+    /// Removes the next [input](Self::input).
     pub(crate) fn pop(&mut self) {
         self.has_bytes = self.ends && !self.has_bytes;
         self.next += usize::from(!self.has_bytes);

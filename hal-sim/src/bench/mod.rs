@@ -60,7 +60,7 @@ pub use crate::record::early::{EarlyCause, EarlyRequest, EarlyRequests};
 pub use crate::record::requests::{RequestStatistics, StartingRequests};
 use crate::record::trace::{self, InputRecord, Power, Retention, Trace};
 use crate::scheduler::{Event, EventKey, Phase, Queue, Tournament};
-use crate::slot::{CallContext, Outputs, Slot};
+use crate::slot::{CallContext, Outputs, Slot, WholeFrame};
 pub use crate::slot::{MOST_CONNECTIONS, Motion, PersistFn, PinStimulus, Statistics};
 use elsewhere::{Reported, Waits};
 use events::{EventKind, Heard};
@@ -713,16 +713,33 @@ impl Bench {
         self.slots[index as usize].state.reception.overhears = false;
     }
 
+    /// Records a frame that is for other drives, in place of its delivery. Returns false if it must be delivered.
+    fn ignores(&mut self, drive: DriveId, frame: WholeFrame<'_>) -> bool {
+        #[cfg(test)]
+        if self.one_by_one {
+            return false;
+        }
+        let mut context = call_context(&mut self.trace, &mut self.outputs, self.settings);
+        self.slots[drive.0 as usize].ignores(self.now, frame, &mut context)
+    }
+
     /// Delivers characters to the ports of a line, in the order that events of their own would have.
     fn hear(&mut self, key: EventKey, mut heard: Heard) {
         // New deadlines come after these characters, so they are compared once for all drives.
         self.hears = true;
-        while let Some((drive, input)) = heard.first() {
+        while let Some(drive) = heard.receiver() {
             let key = EventKey { rank: self.ranks[drive.0 as usize], ..key };
             if self.scheduled.first().is_some_and(|first| *first < key) {
                 self.scheduled.put_back(Event { key, target: drive.0, kind: EventKind::Heard(heard) });
                 break;
             }
+            if let Some(frame) = heard.frame()
+                && self.ignores(drive, frame)
+            {
+                heard.pop_frame();
+                continue;
+            }
+            let Some(input) = heard.input() else { break };
             match heard.began {
                 None => self.deliver(drive.0, &input),
                 Some(began) => self.overhear(drive.0, &input, began),

@@ -229,7 +229,7 @@ impl Bench {
         }
         let at = if ends { free } else { self.first_ends(start, origin.settings_on(line).character()) };
         let mut heard = Heard::new(bytes.into(), Arc::clone(ports), except, origin.began(), ends);
-        if let Some((drive, _)) = heard.first() {
+        if let Some(drive) = heard.receiver() {
             self.schedule(at, Phase::Line, drive.0, EventKind::Heard(heard));
         }
         true

@@ -10,8 +10,8 @@ mod tcp_port;
 use std::sync::Arc;
 
 use drivetwin_firmware::device::{
-    Axis, Boot, Device, DropReason, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, Pin, Port,
-    PresetError, Rotation, Shaft, Spec,
+    Axis, Boot, Device, DropReason, Duration, Encoder, EncoderSpec, Fault, Instant, Level, Line, LogEvent,
+    Pin, Port, PresetError, Rotation, Shaft, Spec,
 };
 use drivetwin_firmware::motor::Parameters;
 
@@ -30,6 +30,16 @@ pub(crate) use state::{CallContext, MotorCommand, Outputs, PinChange, Sent, TcpS
 use state::{SlotContext, SlotState};
 pub use tcp_port::MOST_CONNECTIONS;
 pub(crate) use tcp_port::Tcp;
+
+/// A whole RTU frame, and its end at the same instant, on a line on which characters take no time.
+#[derive(Clone, Copy)]
+pub(crate) struct WholeFrame<'a> {
+    pub(crate) port: Port,
+    pub(crate) address: u8,
+    pub(crate) bytes: &'a Arc<[u8]>,
+    /// Time at which a drive of the line began to send the frame; `None` if a client sends it.
+    pub(crate) began: Option<Instant>,
+}
 
 /// A drive and its surroundings.
 pub(crate) struct Slot {
@@ -246,6 +256,31 @@ impl Slot {
         }
         self.done(at, Phase::of(input), context);
         Ok(())
+    }
+
+    /// Records a frame that has no effect on the drive because it is for others, without a call of the drive. Returns
+    /// false if the frame must be delivered: it has an effect, or it is the first of its kind, which the drive reports
+    /// for all.
+    pub(crate) fn ignores(
+        &mut self,
+        at: Instant,
+        frame: WholeFrame<'_>,
+        context: &mut CallContext<'_>,
+    ) -> bool {
+        let WholeFrame { port, address, bytes, began } = frame;
+        let (state, device) = (&mut self.state, &self.device);
+        let is_reported = || began.is_some() || state.is_reported(port, at, context.outputs);
+        let is_idle = state.powered && self.deadline > at && !context.shafts;
+        let ignores = is_idle
+            && state.hears_alone(port, at, began)
+            && is_reported()
+            && device.is_for_others(at, port, address);
+        if ignores {
+            context.trace.record_frame(at, state.drive, port, bytes);
+            state.count(LogEvent::Dropped { port, why: DropReason::Address });
+            self.last = (at, Phase::Line);
+        }
+        ignores
     }
 
     /// Returns true if the drive reports the outcome of earlier characters during a call with this input.

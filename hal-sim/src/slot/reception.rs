@@ -323,6 +323,11 @@ impl Reception {
         self.ports.get(usize::from(port.0)).is_some_and(|port| !port.part.is_empty())
     }
 
+    /// Returns true if no characters of a port wait for an outcome.
+    pub(super) fn is_silent(&self, port: Port) -> bool {
+        self.ignores.is_none() && !self.has_part(port)
+    }
+
     /// The entry of the incomplete line of a connection whose client has left.
     pub(crate) fn unfinished(&mut self, number: Port, link: Link) -> Option<Entry> {
         let port = self.ports.get_mut(usize::from(number.0))?;

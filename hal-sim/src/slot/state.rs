@@ -368,6 +368,28 @@ impl SlotState {
         self.reception.note(note);
     }
 
+    /// Returns true if another drive of the line has reported the frame that ends now as one for another address.
+    pub(super) fn is_reported(&self, port: Port, end: Instant, outputs: &Outputs) -> bool {
+        let bus = self
+            .ports
+            .get(usize::from(port.0))
+            .and_then(|port| port.serial.as_ref())
+            .map(|serial| serial.bus);
+        outputs
+            .foreign
+            .is_some_and(|(line, time, drive)| (Some(line), time) == (bus, end) && drive != self.drive)
+    }
+
+    /// Returns true if the characters that a port receives at `at` do not follow others, and the drive does not send.
+    /// Another drive of the line began to send them at `began`, unless a client sends them.
+    pub(super) fn hears_alone(&self, port: Port, at: Instant, began: Option<Instant>) -> bool {
+        let serial = self.ports.get(usize::from(port.0)).and_then(|port| port.serial.as_ref());
+        serial.is_some_and(|serial| {
+            let sends = serial.sends_until > at || (began.is_some() && serial.began == began);
+            serial.framed && !sends && self.reception.is_silent(port)
+        })
+    }
+
     /// Adds an entry to the journal. On a half-duplex line the bench decides which drive's journal gets the
     /// entry, unless this drive executed or refused the message. The bench also counts the messages that come while a
     /// drive starts, on each port.
@@ -396,7 +418,7 @@ impl SlotState {
         self.journal.push(&mut outputs.entries, entry);
     }
 
-    fn count(&mut self, note: LogEvent) {
+    pub(super) fn count(&mut self, note: LogEvent) {
         let (LogEvent::Request { port, .. }
         | LogEvent::Refused { port, .. }
         | LogEvent::Dropped { port, .. }) = note

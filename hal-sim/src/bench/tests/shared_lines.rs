@@ -1,7 +1,59 @@
-//! One event for all drives of a line makes the trace that an event for each drive makes.
+//! One event for all drives of a line makes the trace that an event for each drive makes, and a frame for others the
+//! trace that a drive makes which is called.
+
+use drivetwin_firmware::mdrobot::Mdrobot;
+use drivetwin_firmware::rs434::Rs434;
+use drivetwin_protocol::modbus::pdu;
 
 use super::*;
-use crate::bench::PowerAction;
+use crate::bench::{PowerAction, Statistics};
+
+/// Drives with Modbus RTU, all of one kind because they have the same settings of the line.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Md3,
+    Rs434,
+    Mdrobot,
+}
+
+impl Kind {
+    fn make(self) -> Box<dyn Device> {
+        match self {
+            Self::Md3 => Box::new(Md3::new()),
+            Self::Rs434 => Box::new(Rs434::rs434544()),
+            Self::Mdrobot => Box::new(Mdrobot::md400()),
+        }
+    }
+
+    /// Requests that read, that begin a motion, that the drive refuses, and that change what follows.
+    fn requests(self, address: u8) -> [Vec<u8>; 4] {
+        let coil = |coil: [u8; 2]| rtu::frame(address, &[pdu::WRITE_SINGLE_COIL, coil[0], coil[1], 0xFF, 0]);
+        let requests = match self {
+            // Move, and Move on a falling edge of a pin.
+            Self::Md3 => [
+                rtu::read(address, 0, 3),
+                rtu::write(address, 0x11, 1),
+                rtu::read(address, 0x7F, 1),
+                rtu::write(address, 0x09, 1 << 4),
+            ],
+            // START, a speed that is too low, and STOP.
+            Self::Rs434 => [
+                rtu::read(address, 0x5000, 3),
+                coil([0x20, 0]),
+                rtu::write(address, 0x500B, 29),
+                coil([0x20, 1]),
+            ],
+            // VEL_CMD, a PID that is not there, and TQ_OFF.
+            Self::Mdrobot => [
+                rtu::read(address, 133, 1),
+                rtu::write(address, 130, 500),
+                rtu::write(address, 254, 5),
+                rtu::write(address, 5, 1),
+            ],
+        };
+        requests.map(|request| request.to_vec())
+    }
+}
 
 /// Action on a bench.
 #[derive(Clone, Debug)]
@@ -40,13 +92,25 @@ fn act() -> impl Strategy<Value = (u64, Act)> {
     (wait, act)
 }
 
-/// The trace of five MD3s with these addresses on one line.
-fn trace(acts: &[(u64, Act)], mode: LineMode, addresses: [i64; 5], one_by_one: bool) -> Vec<String> {
+/// What five drives with these addresses on one line leave behind: the trace, the journals, and the statistics.
+fn recorded(
+    kind: Kind,
+    acts: &[(u64, Act)],
+    mode: LineMode,
+    addresses: [i64; 5],
+    one_by_one: bool,
+) -> (Vec<String>, Vec<Statistics>) {
     let mut bench = Bench::with(Settings { line: mode, ..Settings::default() });
     bench.one_by_one = one_by_one;
     let drives = ["c", "a", "e", "b", "d"].into_iter().zip(addresses);
-    let drives: Vec<DriveId> = drives.map(|(name, address)| md3(&mut bench, name, address)).collect();
-    let ports: Vec<(DriveId, Port)> = drives.iter().map(|&drive| (drive, RS485)).collect();
+    let address = kind.make().spec().address.unwrap();
+    let drives: Vec<DriveId> = drives
+        .map(|(name, own)| {
+            let setup = Setup { boot_fast: true, presets: vec![(address, own)], ..Setup::default() };
+            bench.add_with(name, kind.make(), setup).unwrap()
+        })
+        .collect();
+    let ports: Vec<(DriveId, Port)> = drives.iter().map(|&drive| (drive, Port(0))).collect();
     let line = bench.share("line", &ports);
     let clients = [bench.connect(line), bench.connect(line)];
     bench.run_until(start());
@@ -54,38 +118,35 @@ fn trace(acts: &[(u64, Act)], mode: LineMode, addresses: [i64; 5], one_by_one: b
         bench.run_until(bench.now() + Duration::from_ticks(wait));
         match *act {
             Act::Send { client, address, request, kept } => {
-                let move_on_edge = rtu::write(address, 0x09, 1 << 4);
-                let frames = [
-                    rtu::read(address, 0, 3),
-                    rtu::write(address, 0x11, 1),
-                    rtu::read(address, 0x7F, 1),
-                    move_on_edge,
-                ];
-                bench.send(clients[client], &frames[request][..kept]);
+                bench.send(clients[client], &kind.requests(address)[request][..kept]);
             }
             Act::Power(drive, power) => bench.power(drives[drive], power),
             Act::Pin(drive, level) => bench.set_pin(drives[drive], Pin(2), level),
             // A drive without power refuses it.
-            Act::Address(address) => {
-                let _ = bench.poke(drives[0], Reg::DeviceAddress as usize, address);
+            Act::Address(own) => {
+                let _ = bench.poke(drives[0], address, own);
             }
         }
     }
     bench.run_until(bench.now() + 50.millis());
     // The text sorts the events of an instant by their drives; these are in the order of the recording.
-    bench.trace().events().map(|event| format!("{event:?}")).collect()
+    let events = bench.trace().events().map(|event| format!("{event:?}"));
+    let received = drives.iter().flat_map(|&drive| bench.received(drive).messages().collect::<Vec<_>>());
+    let texts = events.chain(received.map(|message| format!("{message:?}"))).collect();
+    (texts, drives.iter().map(|&drive| bench.statistics(drive, Port(0))).collect())
 }
 
 proptest! {
     #[test]
     fn one_event_for_a_line_is_as_one_for_each_drive(
+        kind in prop_oneof![Just(Kind::Md3), Just(Kind::Rs434), Just(Kind::Mdrobot)],
         acts in proptest::collection::vec(act(), 0..20),
         fast in any::<bool>(),
         // Drives with the same address may answer each other's replies, so at most two have the same.
         other in 1..5_i64,
     ) {
         let mode = if fast { LineMode::Fast } else { LineMode::Timed };
-        let [one, many] = [true, false].map(|one_by_one| trace(&acts, mode, [1, 2, 3, 4, other], one_by_one));
+        let [one, many] = [true, false].map(|one_by_one| recorded(kind, &acts, mode, [1, 2, 3, 4, other], one_by_one));
         prop_assert_eq!(one, many);
     }
 }

@@ -517,6 +517,14 @@ impl Trace {
         }
     }
 
+    /// Records a frame that a drive has received, and its end.
+    pub(crate) fn record_frame(&mut self, at: Instant, drive: u32, port: Port, bytes: &Arc<[u8]>) {
+        if self.retention != Retention::Off {
+            self.record(at, drive, Event::Input(InputRecord::Bytes { port, bytes: Arc::clone(bytes) }));
+            self.record(at, drive, Event::Input(InputRecord::Idle { port }));
+        }
+    }
+
     /// Records an output of a drive.
     pub(crate) fn record_output(&mut self, at: Instant, drive: u32, output: Output<'_>) {
         if self.retention == Retention::Off {
