@@ -34,7 +34,7 @@ const BUDGETS: &[(&str, u64)] = &[
     ("event, 1,000 seats, instructions", 3_800),
     ("request, a drive on a line, instructions", 33_700),
     ("request, 247 drives on a line, instructions", 1_750_000),
-    ("request, 247 drives on a fast line, instructions", 1_950_000),
+    ("request, 247 drives on a fast line, instructions", 359_000),
     ("request, Modbus/TCP, instructions", 20_100),
     ("line of MCode, instructions", 53_700),
 ];
