@@ -257,7 +257,12 @@ impl Motion {
             }
             Circuit::Spin { speed, acceleration } => {
                 // A command that waits since the last torque mode has no effect in this one (MDRIVE-28).
-                self.queue.set(None);
+                if matches!(
+                    self.activity,
+                    Activity::CircuitDriven { preemption: Preemption::AtStandstill, .. }
+                ) {
+                    self.queue.set(None);
+                }
                 (plan.ramp_to(at, speed, acceleration), Preemption::Never)
             }
             Circuit::Slow { deceleration } => {

@@ -547,9 +547,6 @@ fn a_motor_of_the_bench_turns_as_fast_as_its_torque_allows() {
     assert_eq!((dut.turned(1.secs()), dut.get(Reg::AF)), (0, AT_ZERO | CALIBRATED));
 }
 
-/// The load is heavier than torque and friction. The surplus of 1 mN·m at 4·10⁻⁵ kg·m² is 25 rad/s²: in 0.2 s
-/// half a radian, 318 of 4,000 counts. After the load is removed, 110 mN·m stop its 5 rad/s within 2 ms, and
-/// torque turns the rotor again.
 /// A command that waits until the rotor stands is dropped if torque mode begins again (MDRIVE-28).
 #[test]
 fn a_command_that_waits_ends_with_the_next_torque_mode() {
@@ -569,6 +566,35 @@ fn a_command_that_waits_ends_with_the_next_torque_mode() {
     }
 }
 
+/// A move that waits for RS is not one that waits for the rotor: torque mode leaves it.
+#[test]
+fn torque_mode_leaves_what_a_pause_holds() {
+    let ends = [false, true].map(|waits| {
+        let mut dut = dut();
+        dut.connect(Link(0));
+        dut.set(Reg::MR, 1_000_000);
+        if waits {
+            dut.set(Reg::MR, 500_000);
+        }
+        dut.wait(300.millis());
+        dut.type_in(Link(0), "PS\r");
+        dut.wait(5.secs());
+        for (reg, value) in [(Reg::AS, 3), (Reg::TQ, 50), (Reg::AS, 0)] {
+            dut.set(reg, value);
+            dut.wait(5.secs());
+        }
+        dut.type_in(Link(0), "RS\r");
+        // The target is far from where torque has turned the rotor.
+        dut.wait(200.secs());
+        assert_eq!(dut.get(Reg::MV), 0);
+        dut.get(Reg::C1)
+    });
+    assert_eq!(ends[1] - ends[0], 500_000);
+}
+
+/// The load is heavier than torque and friction. The surplus of 1 mN·m at 4·10⁻⁵ kg·m² is 25 rad/s²: in 0.2 s
+/// half a radian, 318 of 4,000 counts. After the load is removed, 110 mN·m stop its 5 rad/s within 2 ms, and
+/// torque turns the rotor again.
 #[test]
 fn a_load_turns_the_rotor_back_in_torque_mode() {
     let mut dut = dut();
