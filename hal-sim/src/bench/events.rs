@@ -40,8 +40,9 @@ impl Heard {
         began: Option<Instant>,
         ends: bool,
     ) -> Self {
-        let address = rtu::verify_crc(&bytes).and_then(|frame| frame.first().copied());
-        let address = address.filter(|_| ends && bytes.len() <= FRAME_BYTES);
+        let is_whole = ends && bytes.len() <= FRAME_BYTES;
+        let frame = if is_whole { rtu::verify_crc(&bytes) } else { None };
+        let address = frame.and_then(|frame| frame.first().copied());
         Self { bytes, receivers, except, began, ends, address, next: 0, has_bytes: false }
     }
 

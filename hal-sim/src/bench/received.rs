@@ -545,9 +545,7 @@ impl Bench {
     pub(super) fn missed(&mut self, index: u32, input: &InputRecord) {
         let (now, fast) = (self.now, self.fast());
         let Some(entry) = self.slots[index as usize].misses(now, input, fast) else { return };
-        let mut outputs = std::mem::take(&mut self.outputs);
-        self.slots[index as usize].state.enter(entry, &mut outputs);
-        self.outputs = outputs;
+        self.slots[index as usize].state.enter(entry, &mut self.outputs);
         self.route_outputs();
         self.record_outcomes(Receiver::Drive(DriveId(index)));
     }
@@ -555,11 +553,11 @@ impl Bench {
     /// Enters a message on a half-duplex line that a drive did not execute. If the message is for this drive,
     /// it goes to the drive's journal. Otherwise it goes to the journal of the line at the end of the turn,
     /// unless another drive takes it.
-    pub(super) fn enter_unclaimed(&mut self, drive: u32, mut entry: Entry, entries: &mut u64) {
+    pub(super) fn enter_unclaimed(&mut self, drive: u32, mut entry: Entry) {
         let drive = DriveId(drive);
         let Some(Bus(bus)) = self.bus(drive, entry.port) else {
             self.count_starting(drive, &entry);
-            return self.at_mut(drive).state.journal.push(entries, entry);
+            return self.enter(drive, entry);
         };
         let SerialLine { on_request, on_early, noise_of_reply: (begin, end), .. } = self.buses[bus as usize];
         let is_noise = begin < entry.at && entry.at <= end;
@@ -588,7 +586,7 @@ impl Bench {
         if let (false, true) = (alone, is_noise) {
             if listened {
                 entry.outcome = flaw.unwrap_or(entry.outcome);
-                self.enter_noise(bus, entry, entries);
+                self.enter_noise(bus, entry);
             }
             return;
         }
@@ -606,18 +604,18 @@ impl Bench {
             self.count_starting(drive, &entry);
         }
         if let (false, Outcome::NoMessage(_)) = (alone, entry.outcome) {
-            return self.enter_stray(bus, entry, entries);
+            return self.enter_stray(bus, entry);
         }
         match (alone, for_other) {
             (true, true) => {
                 let addresses: Vec<u8> = own.into_iter().collect();
-                self.at_mut(drive).state.journal.push(entries, entry.without_drive(&addresses));
+                self.enter(drive, entry.without_drive(&addresses));
             }
-            (true, _) => self.at_mut(drive).state.journal.push(entries, entry),
+            (true, _) => self.enter(drive, entry),
             (false, false) if !matches!(entry.outcome, Outcome::Dropped(why) if why != DropReason::Starting) =>
             {
                 self.buses[bus as usize].claimed = true;
-                self.at_mut(drive).state.journal.push(entries, entry);
+                self.enter(drive, entry);
             }
             (false, _) => {
                 let line = &mut self.buses[bus as usize];
@@ -625,6 +623,11 @@ impl Bench {
                 let _ = frame.get_or_insert_with(|| Box::new((entry, for_other)));
             }
         }
+    }
+
+    /// Adds an entry to the journal of a drive.
+    fn enter(&mut self, drive: DriveId, entry: Entry) {
+        self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
     }
 
     /// Counts a message for a drive that is starting.
@@ -641,9 +644,7 @@ impl Bench {
         for n in 0..self.ports(Bus(bus)).len() {
             let (drive, port) = self.ports(Bus(bus))[n];
             let Some(entry) = self.at_mut(drive).unreadable(port) else { continue };
-            let mut outputs = std::mem::take(&mut self.outputs);
-            self.slots[drive.0 as usize].state.enter(entry, &mut outputs);
-            self.outputs = outputs;
+            self.slots[drive.0 as usize].state.enter(entry, &mut self.outputs);
             self.route_outputs();
             self.record_outcomes(Receiver::Drive(drive));
         }
@@ -652,33 +653,31 @@ impl Bench {
     /// Enters the line of text that a client leaves incomplete on a TCP connection.
     pub(super) fn enter_unfinished(&mut self, drive: DriveId, port: Port, link: Link) {
         let Some(entry) = self.at_mut(drive).state.reception.unfinished(port, link) else { return };
-        let mut outputs = std::mem::take(&mut self.outputs);
-        self.slots[drive.0 as usize].state.enter(entry, &mut outputs);
-        self.outputs = outputs;
+        self.slots[drive.0 as usize].state.enter(entry, &mut self.outputs);
         self.route_outputs();
         self.record_outcomes(Receiver::Drive(drive));
     }
 
     /// Enters characters of a shared line that are no message in the journal of the line, once: every drive of the
     /// line reports them.
-    fn enter_stray(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
+    fn enter_stray(&mut self, bus: u32, entry: Entry) {
         let SerialLine { journal, strayed, .. } = &mut self.buses[bus as usize];
         *strayed = true;
         let is_known = journal.last_mut().is_some_and(|last| {
             (last.at, last.outcome, last.message()) == (entry.at, entry.outcome, entry.message())
         });
         if !is_known {
-            journal.push(entries, entry);
+            journal.push(&mut self.outputs.entries, entry);
             self.record_outcomes(Receiver::Line(Bus(bus)));
         }
     }
 
     /// Enters noise that followed a reply in the journal of the line, once: every drive of the line reports it, after the
     /// end of the turn.
-    fn enter_noise(&mut self, bus: u32, entry: Entry, entries: &mut u64) {
+    fn enter_noise(&mut self, bus: u32, entry: Entry) {
         let SerialLine { journal, noise_entered, .. } = &mut self.buses[bus as usize];
         if std::mem::replace(noise_entered, entry.at) < entry.at {
-            journal.push(entries, entry);
+            journal.push(&mut self.outputs.entries, entry);
             self.record_outcomes(Receiver::Line(Bus(bus)));
         }
     }
@@ -731,14 +730,13 @@ impl Bench {
         draft.begin(bytes);
         let mut entry = draft.entry(at, receiver.map_or(first, |(_, port)| port), outcome);
         (entry.ascii, entry.on_message) = (ascii, effects);
-        let entries = &mut self.outputs.entries;
         match (receiver, outlet) {
             (Some((drive, _)), _) => {
-                self.slots[drive.0 as usize].state.journal.push(entries, entry);
+                self.enter(drive, entry);
                 self.record_outcomes(Receiver::Drive(drive));
             }
             (None, Outlet::Line(bus)) => {
-                self.buses[bus.0 as usize].journal.push(entries, entry);
+                self.buses[bus.0 as usize].journal.push(&mut self.outputs.entries, entry);
                 self.record_outcomes(Receiver::Line(bus));
             }
             (None, Outlet::Tcp(..)) => {}
@@ -753,7 +751,7 @@ impl Bench {
         let mut draft = Draft::default();
         draft.begin(bytes);
         let entry = draft.entry(self.now, port, Outcome::NoMessage(why));
-        self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
+        self.enter(drive, entry);
         self.record_outcomes(Receiver::Drive(drive));
     }
 
@@ -778,7 +776,7 @@ impl Bench {
             entry.early = self.buses[bus.0 as usize].on_early.map(Box::new);
         }
         entry.on_message = effects;
-        self.slots[drive.0 as usize].state.journal.push(&mut self.outputs.entries, entry);
+        self.enter(drive, entry);
         self.record_outcomes(Receiver::Drive(drive));
     }
 
@@ -883,9 +881,7 @@ impl Bench {
         for n in 0..self.ports(Bus(bus)).len() {
             let (drive, port) = self.ports(Bus(bus))[n];
             let Some(entry) = self.at_mut(drive).missed_frame(port) else { continue };
-            let mut entries = self.outputs.entries;
-            self.enter_unclaimed(drive.0, entry, &mut entries);
-            self.outputs.entries = entries;
+            self.enter_unclaimed(drive.0, entry);
             self.record_outcomes(Receiver::Drive(drive));
         }
     }

@@ -281,38 +281,67 @@ impl Bench {
         }
     }
 
-    /// Routes the outputs of the drive that was called last.
+    /// Routes the outputs of the drive that was called last. What one kind of them needs is taken out and put back, so
+    /// that its memory is used again.
     pub(super) fn route_outputs(&mut self) {
-        if self.outputs.is_empty() {
-            return;
+        let answers = !self.outputs.sent.is_empty();
+        if answers {
+            self.route_sent();
         }
-        let mut outputs = std::mem::take(&mut self.outputs);
-        let mut bytes = outputs.bytes.as_slice();
-        for sent in &outputs.sent {
-            let (message, rest) = bytes.split_at(sent.count);
-            self.transmit_from_drive(sent, message, HeardBy::All);
-            bytes = rest;
+        if !self.outputs.tcp_sends.is_empty() {
+            self.route_messages();
         }
-        let mut messages = outputs.messages.as_slice();
-        for sends in outputs.tcp_sends.chunk_by(TcpSend::is_continued_by) {
-            let Some(send) = sends.first() else { continue };
-            let count = sends.iter().filter_map(|send| send.count).sum();
-            let (message, rest) = messages.split_at(count);
-            self.receive_from_drive(send, message);
-            messages = rest;
+        if !self.outputs.pin_changes.is_empty() {
+            let mut changes = std::mem::take(&mut self.outputs.pin_changes);
+            for (drive, change) in changes.drain(..) {
+                self.schedule_pin_change(drive, &change);
+            }
+            self.outputs.pin_changes = changes;
         }
-        for (drive, change) in &outputs.pin_changes {
-            self.schedule_pin_change(*drive, change);
-        }
-        let answers = !outputs.sent.is_empty();
-        for (drive, port) in outputs.claimed.drain(..) {
+        for n in 0..self.outputs.claimed.len() {
+            let (drive, port) = self.outputs.claimed[n];
             self.claim(drive, port, answers);
         }
-        for (drive, entry) in outputs.unclaimed.drain(..) {
-            self.enter_unclaimed(drive, entry, &mut outputs.entries);
+        self.outputs.claimed.clear();
+        if !self.outputs.unclaimed.is_empty() {
+            let mut unclaimed = std::mem::take(&mut self.outputs.unclaimed);
+            for (drive, entry) in unclaimed.drain(..) {
+                self.enter_unclaimed(drive, entry);
+            }
+            self.outputs.unclaimed = unclaimed;
         }
-        outputs.clear();
-        self.outputs = outputs;
+    }
+
+    /// Routes the characters on serial lines.
+    fn route_sent(&mut self) {
+        let (mut sent, mut bytes) =
+            (std::mem::take(&mut self.outputs.sent), std::mem::take(&mut self.outputs.bytes));
+        let mut rest = bytes.as_slice();
+        for sent in &sent {
+            let (message, others) = rest.split_at(sent.count);
+            self.transmit_from_drive(sent, message, HeardBy::All);
+            rest = others;
+        }
+        sent.clear();
+        bytes.clear();
+        (self.outputs.sent, self.outputs.bytes) = (sent, bytes);
+    }
+
+    /// Routes the messages on TCP connections.
+    fn route_messages(&mut self) {
+        let (mut sends, mut bytes) =
+            (std::mem::take(&mut self.outputs.tcp_sends), std::mem::take(&mut self.outputs.messages));
+        let mut rest = bytes.as_slice();
+        for sends in sends.chunk_by(TcpSend::is_continued_by) {
+            let Some(send) = sends.first() else { continue };
+            let count = sends.iter().filter_map(|send| send.count).sum();
+            let (message, others) = rest.split_at(count);
+            self.receive_from_drive(send, message);
+            rest = others;
+        }
+        sends.clear();
+        bytes.clear();
+        (self.outputs.tcp_sends, self.outputs.messages) = (sends, bytes);
     }
 
     /// Transmits the characters of a drive on its line.
@@ -390,8 +419,11 @@ impl Bench {
         number: Option<u32>,
         from: Option<DriveId>,
     ) {
-        let rx_burst = RxBurst { start, line, character: self.takes(line, 1), bytes, from };
         let serial_line = &self.buses[bus as usize];
+        if serial_line.clients.is_empty() {
+            return;
+        }
+        let rx_burst = RxBurst { start, line, character: self.takes(line, 1), bytes, from };
         let collisions = serial_line.collisions.as_ref().zip(number);
         let asker_left = self.clients.get(&serial_line.served).is_none_or(|asker| asker.left);
         let is_framed = self.framed(bus).is_some();
@@ -422,6 +454,9 @@ impl Bench {
         burst: TxBurst<'_>,
         sender: Option<(DriveId, Port)>,
     ) {
+        if matches!(*self.ports(Bus(bus)), [only] if Some(only) == sender) {
+            return;
+        }
         let start = match (self.fast(), self.buses[bus as usize].turn) {
             (false, _) => start,
             // Unsolicited output takes time here: two drives with the same address may answer each other's
@@ -453,11 +488,11 @@ impl Bench {
         if bytes.is_empty() {
             return;
         }
-        let lasts = self.takes(line, bytes.len());
+        let fast = self.fast();
         let collisions = self.buses[bus as usize].collisions.as_ref().zip(number);
         self.capture.record(|| Frame {
             at,
-            lasts,
+            lasts: if fast { Duration::ZERO } else { line.character() * bytes.len() as u64 },
             on: Medium::Line(Bus(bus)),
             from,
             line: Some(line),

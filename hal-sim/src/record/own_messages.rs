@@ -2,6 +2,7 @@
 //! the journal does not have them.
 
 use std::collections::VecDeque;
+use std::mem;
 
 use drivetwin_firmware::device::{Instant, Port};
 
@@ -29,13 +30,18 @@ pub struct OwnMessage {
 pub(crate) struct OwnMessages(VecDeque<OwnMessage>);
 
 impl OwnMessages {
-    /// Adds a message as the bench's next one after number `last`.
-    pub(crate) fn push(&mut self, last: &mut u64, at: Instant, port: Port, bytes: Vec<u8>) {
-        if self.0.len() == MOST {
-            self.0.pop_front();
+    /// Adds a message as the bench's next one after number `last`. Its bytes are taken out of `bytes`, which gets the
+    /// memory of the oldest message if that one is dropped.
+    pub(crate) fn push(&mut self, last: &mut u64, at: Instant, port: Port, bytes: &mut Vec<u8>) {
+        let mut free = Vec::new();
+        if self.0.len() == MOST
+            && let Some(oldest) = self.0.pop_front()
+        {
+            free = oldest.bytes;
+            free.clear();
         }
         *last += 1;
-        self.0.push_back(OwnMessage { number: *last, at, port, bytes });
+        self.0.push_back(OwnMessage { number: *last, at, port, bytes: mem::replace(bytes, free) });
     }
 
     /// The messages after that number, the oldest first.

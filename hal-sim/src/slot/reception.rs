@@ -112,8 +112,10 @@ pub(crate) struct Reception {
     pub(crate) overhears: bool,
     /// True if text has arrived in the present call, so that what the drive sends may be its echo.
     hears_text: bool,
-    /// Text that the drive sends by itself in the present call.
-    own: Option<(Port, Vec<u8>)>,
+    /// Port on which the drive sends text by itself in the present call.
+    own_port: Option<Port>,
+    /// That text.
+    own: Vec<u8>,
 }
 
 impl Reception {
@@ -136,13 +138,19 @@ impl Reception {
             touched: false,
             overhears: false,
             hears_text: false,
-            own: None,
+            own_port: None,
+            own: Vec::new(),
         }
     }
 
     /// Notes nothing from now on.
     pub(crate) fn switch_off(&mut self) {
         self.ports.clear();
+    }
+
+    /// Returns true if nothing is noted.
+    pub(super) fn is_off(&self) -> bool {
+        self.ports.is_empty()
     }
 
     /// Forgets all bytes without an outcome, at power-on.
@@ -354,7 +362,7 @@ impl Reception {
 
     /// Takes a note of the drive.
     pub(super) fn note(&mut self, note: LogEvent) {
-        if self.ports.is_empty() {
+        if self.is_off() {
             return;
         }
         self.touched = true;
@@ -386,9 +394,9 @@ impl Reception {
                     self.before.extend_from_slice(bytes);
                 }
                 if !self.hears_text && of.is_some_and(PortReception::is_text) {
-                    let (_, own) = self.own.get_or_insert_with(|| (port, Vec::new()));
-                    let room = own_messages::LONGEST.saturating_sub(own.len()).min(bytes.len());
-                    own.extend_from_slice(&bytes[..room]);
+                    let _ = self.own_port.get_or_insert(port);
+                    let room = own_messages::LONGEST.saturating_sub(self.own.len()).min(bytes.len());
+                    self.own.extend_from_slice(&bytes[..room]);
                 }
             }
             Some(_) => {}
@@ -458,10 +466,10 @@ impl Reception {
         }
     }
 
-    /// Ends the present call, and returns what the drive has sent by itself.
-    pub(super) fn take_own(&mut self) -> Option<(Port, Vec<u8>)> {
+    /// Ends the present call, and returns what the drive has sent by itself, to be taken.
+    pub(super) fn take_own(&mut self) -> Option<(Port, &mut Vec<u8>)> {
         self.hears_text = false;
-        self.own.take()
+        Some((self.own_port.take()?, &mut self.own))
     }
 
     /// Returns true if the present call has outcomes.

@@ -368,8 +368,12 @@ impl SlotState {
         self.reception.note(note);
     }
 
-    /// Returns true if another drive of the line has reported the frame that ends now as one for another address.
+    /// Returns true if another drive of the line has reported the frame that ends now as one for another address, or if
+    /// nobody asks for reports.
     pub(super) fn is_reported(&self, port: Port, end: Instant, outputs: &Outputs) -> bool {
+        if self.reception.is_off() {
+            return true;
+        }
         let bus = self
             .ports
             .get(usize::from(port.0))

@@ -2,7 +2,7 @@
 //! trace that a drive makes which is called.
 
 use drivetwin_firmware::mdrobot::Mdrobot;
-use drivetwin_firmware::rs434::Rs434;
+use drivetwin_firmware::rs434::{self, Rs434};
 use drivetwin_protocol::modbus::pdu;
 
 use super::*;
@@ -92,21 +92,27 @@ fn act() -> impl Strategy<Value = (u64, Act)> {
     (wait, act)
 }
 
-/// What five drives with these addresses on one line leave behind: the trace, the journals, and the statistics.
+/// What five drives with these addresses on one line leave behind: the trace, the journals, and the statistics. `delay`
+/// is that of the replies of an RS 434, in ms.
 fn recorded(
     kind: Kind,
     acts: &[(u64, Act)],
-    mode: LineMode,
+    settings: Settings,
     addresses: [i64; 5],
+    delay: i64,
     one_by_one: bool,
 ) -> (Vec<String>, Vec<Statistics>) {
-    let mut bench = Bench::with(Settings { line: mode, ..Settings::default() });
+    let mut bench = Bench::with(settings);
     bench.one_by_one = one_by_one;
     let drives = ["c", "a", "e", "b", "d"].into_iter().zip(addresses);
     let address = kind.make().spec().address.unwrap();
     let drives: Vec<DriveId> = drives
         .map(|(name, own)| {
-            let setup = Setup { boot_fast: true, presets: vec![(address, own)], ..Setup::default() };
+            let mut presets = vec![(address, own)];
+            if let Kind::Rs434 = kind {
+                presets.push((rs434::Reg::TIMEOUT_BROADCAST_MODBUS as usize, delay));
+            }
+            let setup = Setup { boot_fast: true, presets, ..Setup::default() };
             bench.add_with(name, kind.make(), setup).unwrap()
         })
         .collect();
@@ -142,11 +148,15 @@ proptest! {
         kind in prop_oneof![Just(Kind::Md3), Just(Kind::Rs434), Just(Kind::Mdrobot)],
         acts in proptest::collection::vec(act(), 0..20),
         fast in any::<bool>(),
+        (shafts, outcomes, journals) in (any::<bool>(), any::<bool>(), any::<bool>()),
+        delay in prop_oneof![Just(0_i64), Just(1), Just(20)],
         // Drives with the same address may answer each other's replies, so at most two have the same.
         other in 1..5_i64,
     ) {
-        let mode = if fast { LineMode::Fast } else { LineMode::Timed };
-        let [one, many] = [true, false].map(|one_by_one| recorded(kind, &acts, mode, [1, 2, 3, 4, other], one_by_one));
+        let line = if fast { LineMode::Fast } else { LineMode::Timed };
+        let settings = Settings { line, shafts, outcomes, journals, ..Settings::default() };
+        let [one, many] = [true, false]
+            .map(|one_by_one| recorded(kind, &acts, settings, [1, 2, 3, 4, other], delay, one_by_one));
         prop_assert_eq!(one, many);
     }
 }
