@@ -212,8 +212,6 @@ pub struct Bench {
     deadlines: Tournament,
     /// True if `order`, `ranks` and `deadlines` are up to date.
     indexed: bool,
-    /// True while deadlines are set without comparing them, because characters go to all drives of a line.
-    hears: bool,
     /// True to schedule an event for each drive of a line, for a test that the traces are equal.
     #[cfg(test)]
     one_by_one: bool,
@@ -281,7 +279,6 @@ impl Bench {
             ranks: Vec::new(),
             deadlines: Tournament::new(&[]),
             indexed: true,
-            hears: false,
             #[cfg(test)]
             one_by_one: false,
             scheduled: Queue::default(),
@@ -539,6 +536,7 @@ impl Bench {
 
     /// Handles the next event if it is not after `at`. Returns whether there was one.
     fn handle_next(&mut self, at: Instant) -> bool {
+        self.deadlines.compare();
         let (due, rank) = self.deadlines.first();
         match self.scheduled.first() {
             Some(key) if (key.at, key.phase) < (due, Phase::Deadline) => {
@@ -626,11 +624,7 @@ impl Bench {
     fn finish_call(&mut self, index: u32) {
         if self.indexed {
             let (rank, deadline) = (self.ranks[index as usize], self.slots[index as usize].deadline());
-            if self.hears {
-                self.deadlines.set_uncompared(rank, deadline);
-            } else {
-                self.deadlines.set(rank, deadline);
-            }
+            self.deadlines.set(rank, deadline);
         }
         self.follow_call(index);
     }
@@ -725,8 +719,6 @@ impl Bench {
 
     /// Delivers characters to the ports of a line, in the order that events of their own would have.
     fn hear(&mut self, key: EventKey, mut heard: Heard) {
-        // New deadlines come after these characters, so they are compared once for all drives.
-        self.hears = true;
         while let Some(drive) = heard.receiver() {
             let key = EventKey { rank: self.ranks[drive.0 as usize], ..key };
             if self.scheduled.first().is_some_and(|first| *first < key) {
@@ -746,8 +738,6 @@ impl Bench {
             }
             heard.pop();
         }
-        self.hears = false;
-        self.deadlines.compare();
     }
 
     /// Handles an event.

@@ -2,15 +2,15 @@
 
 use drivetwin_firmware::device::Instant;
 
-/// The next deadline of every drive, in a tree of winners. A change costs one comparison per level of the
-/// tree. If deadlines are equal, the lower rank wins.
+/// The next deadline of every drive, in a tree of winners. A change costs at most one comparison per level of the tree. If
+/// deadlines are equal, the lower rank wins.
 #[derive(Debug)]
 pub(crate) struct Tournament {
     /// The root is at index 1, the children of `n` are at `2n` and `2n + 1`, and the leaves are the second
     /// half.
     nodes: Vec<(Instant, u32)>,
-    /// Leaves from the first to the last one that was changed and not yet compared.
-    changed: Option<(usize, usize)>,
+    /// Leaves whose new deadlines are not compared yet.
+    changed: Vec<u32>,
 }
 
 impl Tournament {
@@ -24,46 +24,65 @@ impl Tournament {
         for node in (1..leaves).rev() {
             nodes[node] = nodes[2 * node].min(nodes[2 * node + 1]);
         }
-        Self { nodes, changed: None }
-    }
-
-    /// The earliest deadline and its rank.
-    pub(crate) fn first(&self) -> (Instant, u32) {
-        self.nodes[1]
-    }
-
-    /// Sets the next deadline of a rank, without comparing it: the [first](Self::first) deadline is unknown until
-    /// [`compare`](Self::compare). For many changes at once, this costs less than [`set`](Self::set).
-    pub(crate) fn set_uncompared(&mut self, rank: u32, deadline: Instant) {
-        let leaf = self.nodes.len() / 2 + rank as usize;
-        self.nodes[leaf] = (deadline, rank);
-        let (first, last) = self.changed.unwrap_or((leaf, leaf));
-        self.changed = Some((first.min(leaf), last.max(leaf)));
-    }
-
-    /// Compares all deadlines that were set without comparing them.
-    pub(crate) fn compare(&mut self) {
-        let Some((mut first, mut last)) = self.changed.take() else { return };
-        while first > 1 {
-            (first, last) = (first / 2, last / 2);
-            for node in first..=last {
-                self.nodes[node] = self.nodes[2 * node].min(self.nodes[2 * node + 1]);
-            }
-        }
+        Self { nodes, changed: Vec::new() }
     }
 
     /// Sets the next deadline of a rank.
     pub(crate) fn set(&mut self, rank: u32, deadline: Instant) {
-        let mut node = self.nodes.len() / 2 + rank as usize;
-        let mut winner = (deadline, rank);
-        while self.nodes[node] != winner {
-            self.nodes[node] = winner;
-            if node == 1 {
-                break;
+        let leaf = (self.nodes.len() / 2) as u32 + rank;
+        if std::mem::replace(&mut self.nodes[leaf as usize].0, deadline) != deadline {
+            self.changed.push(leaf);
+        }
+    }
+
+    /// Compares the new deadlines, level by level, up to the winners that stay.
+    pub(crate) fn compare(&mut self) {
+        if let [leaf] = self.changed[..] {
+            self.changed.clear();
+            return self.climb(leaf as usize);
+        }
+        while self.changed.first().is_some_and(|&node| node > 1) {
+            let mut kept = 0;
+            for n in 0..self.changed.len() {
+                let parent = self.changed[n] / 2;
+                if self.play(parent as usize) {
+                    self.changed[kept] = parent;
+                    kept += 1;
+                }
             }
+            self.changed.truncate(kept);
+        }
+        self.changed.clear();
+    }
+
+    /// Compares one new deadline.
+    fn climb(&mut self, mut node: usize) {
+        let mut winner = self.nodes[node];
+        while node > 1 {
             winner = winner.min(self.nodes[node ^ 1]);
             node /= 2;
+            if self.nodes[node] == winner {
+                break;
+            }
+            self.nodes[node] = winner;
         }
+    }
+
+    /// Compares the children of a node. Returns true if the winner is another one.
+    fn play(&mut self, node: usize) -> bool {
+        let (left, right) = (self.nodes[2 * node], self.nodes[2 * node + 1]);
+        let winner = if right.0 < left.0 { right } else { left };
+        std::mem::replace(&mut self.nodes[node], winner) != winner
+    }
+
+    /// The earliest deadline and its rank. Without new deadlines since [`compare`](Self::compare) this is a look at the root,
+    /// otherwise at all deadlines.
+    pub(crate) fn first(&self) -> (Instant, u32) {
+        if self.changed.is_empty() {
+            return self.nodes[1];
+        }
+        let leaves = &self.nodes[self.nodes.len() / 2..];
+        leaves.iter().min().copied().unwrap_or((Instant::NEVER, u32::MAX))
     }
 }
 
@@ -80,16 +99,14 @@ mod tests {
         ) {
             let instants: Vec<Instant> = deadlines.iter().map(|&n| Instant::from_ticks(n)).collect();
             let mut tournament = Tournament::new(&instants);
-            for (place, deadline, at_once) in changes {
+            for (place, deadline, compares) in changes {
                 let place = place % deadlines.len();
                 deadlines[place] = deadline;
-                let (rank, deadline) = (u32::try_from(place).unwrap(), Instant::from_ticks(deadline));
-                if !at_once {
-                    tournament.set_uncompared(rank, deadline);
-                    continue;
+                tournament.set(u32::try_from(place).unwrap(), Instant::from_ticks(deadline));
+                if compares {
+                    tournament.compare();
+                    prop_assert!(tournament.changed.is_empty());
                 }
-                tournament.compare();
-                tournament.set(rank, deadline);
                 let (rank, &first) = deadlines.iter().enumerate().min_by_key(|&(rank, &due)| (due, rank)).unwrap();
                 prop_assert_eq!(tournament.first(), (Instant::from_ticks(first), u32::try_from(rank).unwrap()));
             }
