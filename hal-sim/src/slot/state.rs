@@ -390,7 +390,7 @@ impl SlotState {
         let serial = self.ports.get(usize::from(port.0)).and_then(|port| port.serial.as_ref());
         serial.is_some_and(|serial| {
             let sends = serial.sends_until > at || (began.is_some() && serial.began == began);
-            serial.framed && !sends && self.reception.is_silent(port)
+            !sends && self.reception.is_silent(port)
         })
     }
 
