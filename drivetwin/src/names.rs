@@ -23,37 +23,40 @@ impl From<String> for RegisterName {
     }
 }
 
-/// Name of a row of a register map.
-fn named<R: Register>(register: R) -> RegisterName {
-    RegisterName(Cow::Borrowed(R::TABLE.rows.get(register.row()).map_or("", |row| row.name)))
+impl RegisterName {
+    /// Name of a register in the register map of a drive, also of one from another crate.
+    #[must_use]
+    pub fn of<R: Register>(register: R) -> Self {
+        Self(Cow::Borrowed(R::TABLE.rows.get(register.row()).map_or("", |row| row.name)))
+    }
 }
 
 impl From<md3::Reg> for RegisterName {
     fn from(register: md3::Reg) -> Self {
-        named(register)
+        Self::of(register)
     }
 }
 
 impl From<qsb::Reg> for RegisterName {
     fn from(register: qsb::Reg) -> Self {
-        named(register)
+        Self::of(register)
     }
 }
 
 impl From<rs434::Reg> for RegisterName {
     fn from(register: rs434::Reg) -> Self {
-        named(register)
+        Self::of(register)
     }
 }
 
 impl From<mdrobot::Pid> for RegisterName {
     fn from(register: mdrobot::Pid) -> Self {
-        named(register)
+        Self::of(register)
     }
 }
 
 impl From<mdrive::Reg> for RegisterName {
     fn from(register: mdrive::Reg) -> Self {
-        named(register)
+        Self::of(register)
     }
 }

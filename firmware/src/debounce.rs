@@ -1,4 +1,5 @@
-//! Debouncing and delays: a level takes effect once it has lasted long enough.
+//! Debouncing and delays: a level takes effect once it has lasted long enough. A level that ends in the very instant in
+//! which it would take effect is dropped, unless the drive handles that instant's [`timeout`](Debounce::timeout) first.
 
 use crate::device::{Duration, Instant};
 

@@ -596,19 +596,27 @@ pub struct ReasonSpec {
 }
 
 impl ReasonSpec {
-    pub(crate) const fn nothing(text: &'static str, section: &'static str) -> Self {
+    /// A reason for which a request has no effect.
+    #[must_use]
+    pub const fn nothing(text: &'static str, section: &'static str) -> Self {
         Self { effect: Effect::Nothing, text, section }
     }
 
-    pub(crate) const fn later(text: &'static str, section: &'static str) -> Self {
+    /// A reason for which a request has its effect later.
+    #[must_use]
+    pub const fn later(text: &'static str, section: &'static str) -> Self {
         Self { effect: Effect::Later, text, section }
     }
 
-    pub(crate) const fn other(text: &'static str, section: &'static str) -> Self {
+    /// A reason for which a request has another effect.
+    #[must_use]
+    pub const fn other(text: &'static str, section: &'static str) -> Self {
         Self { effect: Effect::Other, text, section }
     }
 
-    pub(crate) const fn stored(text: &'static str, section: &'static str) -> Self {
+    /// A reason for which a request becomes a line of a program.
+    #[must_use]
+    pub const fn stored(text: &'static str, section: &'static str) -> Self {
         Self { effect: Effect::Stored, text, section }
     }
 }
@@ -617,14 +625,16 @@ impl ReasonSpec {
 /// that finds them, and no other text for users.
 pub(crate) const REPORTS_REASONS: bool = cfg!(any(test, feature = "reasons"));
 
-/// Texts about a drive, if drives report reasons.
-pub(crate) const fn reported<T>(texts: &'static [T]) -> &'static [T] {
+/// Texts about a drive if the feature `reasons` is on, otherwise none, so that an image for a board has no texts.
+#[must_use]
+pub const fn reported<T>(texts: &'static [T]) -> &'static [T] {
     if REPORTS_REASONS { texts } else { &[] }
 }
 
 impl Reason {
-    /// Reports the reason for the request that the drive is executing.
-    pub(crate) fn put(self, at: Instant, out: &mut dyn Context) {
+    /// Reports the reason for the request that the drive is executing, before the report of the request itself. Nothing
+    /// without the feature `reasons`.
+    pub fn put(self, at: Instant, out: &mut dyn Context) {
         if REPORTS_REASONS {
             out.put(at, Output::Log(LogEvent::Reason(self)));
         }
@@ -790,12 +800,15 @@ pub trait Device: Send {
     /// Description of this kind of device.
     fn spec(&self) -> &'static Spec;
 
-    /// Switches the power on: the device loses all volatile state. A drive also calls this to restart itself.
+    /// Switches the power on: the device loses all volatile state. Until its first input of this instant a pin has its
+    /// [idle](PinSpec::idle) level, and a fault has no cause. The caller passes the causes of faults that are there, then
+    /// the pins that differ, then what has arrived at the ports.
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context);
 
-    /// Switches the power off. Until the next [`power_on`](Self::power_on) the caller only peeks and pokes, and a
-    /// [`poke`](Self::poke) acts as before the first power-on. A device without saved registers does nothing.
-    fn power_off(&mut self) {}
+    /// Switches the power off, also before the first [`power_on`](Self::power_on). Until the next one the caller only peeks,
+    /// at the instant `at`, and pokes: a [`poke`](Self::poke) acts as before the first power-on. There are no outputs; the
+    /// caller takes all pins for floating and all axes for free.
+    fn power_off(&mut self, _at: Instant) {}
 
     /// Handles an input.
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context);
@@ -891,8 +904,8 @@ impl<D: Device + ?Sized> Device for &mut D {
         (**self).power_on(at, boot, out);
     }
 
-    fn power_off(&mut self) {
-        (**self).power_off();
+    fn power_off(&mut self, at: Instant) {
+        (**self).power_off(at);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {

@@ -5,11 +5,12 @@ use drivetwin_protocol::modbus::{DropReason, Frame, Receiver};
 
 use crate::device::{Context, Duration, Input, Instant, Line, LogEvent, Output, Port};
 
-/// A serial Modbus port. The drive passes it characters and errors, and calls [`serve`](Self::serve) when a message
-/// [is over](Self::is_over): at the deadline, and before a [reception](is_reception).
+/// A serial Modbus port. The drive passes it its [inputs](Self::input), and calls [`serve`](Self::serve) when a message
+/// [is over](Self::is_over).
 ///
-/// A character whose last bit ends before the port receives is lost. All drives have this rule; a drive with a start-up
-/// delay receives from the tick after its end on.
+/// All drives with this port have two rules for what falls into one instant. What is due then, a message that is over
+/// included, comes before a [reception](is_reception). And a character whose last bit ends before the port receives is
+/// lost; after a start-up delay it receives from the tick after its end on.
 #[derive(Clone, Debug)]
 pub struct ModbusPort<R> {
     port: Port,
@@ -27,11 +28,11 @@ impl<R: Receiver> ModbusPort<R> {
         Self { port, receiver: R::new(line), character: line.character(), receives_from: Instant::NEVER }
     }
 
-    /// Starts the port at power-on or at a restart, with the settings `line`: it receives from `receives_from` on. An
-    /// incomplete message is lost.
-    pub fn start(&mut self, at: Instant, line: Line, receives_from: Instant, out: &mut dyn Context) {
+    /// Starts the port at power-on or at a restart, with the settings `line`. `ready` is the end of the start-up; without
+    /// a delay it is not after `at`. An incomplete message is lost.
+    pub fn start(&mut self, at: Instant, line: Line, ready: Instant, out: &mut dyn Context) {
         self.receiver.clear();
-        self.receives_from = receives_from;
+        self.receives_from = if ready > at { ready + Duration::TICK } else { Instant::ZERO };
         self.set_line(at, line, out);
     }
 
@@ -47,15 +48,31 @@ impl<R: Receiver> ModbusPort<R> {
         self.receives_from
     }
 
-    /// Changes the settings of the line from `from` on, for instance from the end of a reply.
+    /// Changes the settings of the line for all further messages; the drive changes its transmitter at `from`, the end of
+    /// a reply with the old settings. A message that begins before is misread.
     pub fn set_line(&mut self, from: Instant, line: Line, out: &mut dyn Context) {
         self.receiver.set_line(from, line);
         self.character = line.character();
         out.put(from, Output::Line { port: self.port, line });
     }
 
+    /// Handles an input if it concerns this port. Returns true if it ends a message, which the drive then
+    /// [serves](Self::serve).
+    #[inline]
+    pub fn input(&mut self, at: Instant, input: &Input<'_>, out: &mut dyn Context) -> bool {
+        match *input {
+            Input::Bytes { port, bytes } if port == self.port => self.bytes(at, bytes, out),
+            Input::RxError { port } if port == self.port && at >= self.receives_from => {
+                self.receiver.rx_error(at)
+            }
+            Input::Idle { port } => return port == self.port,
+            _ => {}
+        }
+        false
+    }
+
     /// Handles received characters that follow each other without a gap; `at` is the end of the first one.
-    pub fn bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
+    fn bytes(&mut self, at: Instant, bytes: &[u8], out: &mut dyn Context) {
         let (first, received) = self.received(at, bytes);
         if received.len() < bytes.len() {
             out.put(at, Output::Log(LogEvent::Dropped { port: self.port, why: DropReason::Starting }));
@@ -72,15 +89,6 @@ impl<R: Receiver> ModbusPort<R> {
         let missed = (self.receives_from - Duration::TICK).since(at) / self.character + 1;
         let received = usize::try_from(missed).ok().and_then(|missed| bytes.get(missed..)).unwrap_or(&[]);
         (at + self.character * missed, received)
-    }
-
-    /// Handles a character with an error that ended at `at`. Returns true if the port was receiving.
-    pub fn rx_error(&mut self, at: Instant) -> bool {
-        let is_receiving = at >= self.receives_from;
-        if is_receiving {
-            self.receiver.rx_error(at);
-        }
-        is_receiving
     }
 
     /// Returns true if the slave `unit` would only drop a whole frame for the slave `address` that ends at `at`.
@@ -148,8 +156,8 @@ impl<R: Receiver> ModbusPort<R> {
     }
 }
 
-/// Returns true for an input that begins after all other inputs of its instant: characters, and the end of a frame.
-/// Before it, a drive that starts without a delay is ready.
+/// Returns true for an input that comes after all other inputs of its instant: characters, and the end of a frame. Before
+/// it, a drive handles what is [due](crate::device::Device::timeout), so that one that starts without a delay is ready.
 #[must_use]
 pub fn is_reception(input: &Input<'_>) -> bool {
     matches!(input, Input::Bytes { .. } | Input::RxError { .. } | Input::Idle { .. })

@@ -455,7 +455,8 @@ impl<D: Device, I: Inputs, O: Outputs, const CHARACTERS: usize> Shell<D, I, O, C
     /// Switches the drive's power off: what it has not sent yet is lost, and its waves end. Do not call
     /// [`poll`](Self::poll) before the next [`power_on`](Self::power_on). The outputs of the board are the caller's.
     pub fn power_off(&mut self) {
-        self.device.power_off();
+        let now = self.inputs.now();
+        self.device.power_off(self.drive_time(now));
         self.due = Instant::NEVER;
         self.state.power_off();
     }

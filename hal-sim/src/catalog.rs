@@ -22,10 +22,12 @@ static ADDED: OnceLock<&'static [Kind]> = OnceLock::new();
 /// Adds kinds of drive of other crates to this process, once, before a bench is made.
 ///
 /// # Errors
-/// One sentence: kinds were added before, or the name of a kind is not one word or is in use.
+/// One sentence: kinds were added before, the name of a kind is not one word or is in use, or a kind has no memory for
+/// its saved registers.
 pub fn add(kinds: &'static [Kind]) -> Result<(), String> {
     let mut names: Vec<&str> = OWN.iter().map(|make| make().spec().kind).collect();
-    for kind in kinds.iter().map(|make| make().spec().kind) {
+    for spec in kinds.iter().map(|make| make().spec()) {
+        let kind = spec.kind;
         if !is_name(kind) {
             return Err(format!(
                 "\"{kind}\" is no name of a kind: use lower-case letters, digits and hyphens"
@@ -33,6 +35,13 @@ pub fn add(kinds: &'static [Kind]) -> Result<(), String> {
         }
         if names.contains(&kind) {
             return Err(format!("there are two kinds with the name {kind}"));
+        }
+        let saved = spec.registers.rows.iter().filter(|row| row.saved != 0).count();
+        if usize::from(spec.memory) < 2 * saved {
+            return Err(format!(
+                "{kind} saves {saved} registers, but its memory has {} bytes: set `memory` in its Spec",
+                spec.memory
+            ));
         }
         names.push(kind);
     }

@@ -109,8 +109,10 @@ pub(crate) fn clippy(sh: &Shell) -> Result<()> {
     let (package, target) = (RP2350.package, RP2350.target);
     lint(&BARE, LINTED, &[])?;
     lint(&BARE, LINTED, &BOARDS.map(|board| board.package))?;
-    // A drive in somebody else's firmware (examples/embassy).
+    // A drive in somebody else's firmware (examples/embassy), and somebody else's drive (examples/own-drive).
     lint(&["md3-embassy"], LINTED, &[])?;
+    let own = "--package own-drive --lib --no-default-features".split_whitespace();
+    cmd!(sh, "cargo clippy --profile {PROFILE} {own...} --target {LINTED} -- -D warnings").run()?;
     lint(&[package, "drivetwin-pico"], target, &[])?;
     Ok(lint(&[package, "drivetwin-pico"], target, &[package])?)
 }

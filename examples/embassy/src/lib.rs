@@ -24,7 +24,7 @@ pub trait Board {
     /// Makes a pulse at STEP with this level at DIR.
     fn step(&mut self, forward: bool);
 
-    /// Sets the UART to another line, after the characters written so far.
+    /// Sets the UART to another line. The characters written so far have left.
     fn set_line(&mut self, line: Line);
 
     /// Stores bytes of the drive's memory in flash.
@@ -37,6 +37,8 @@ struct Outputs<'a, B> {
     memory: [u8; MEMORY],
     reply: Vec<u8, 256>,
     line: Line,
+    /// True if the UART has another line than `line` until the reply has left.
+    is_line_new: bool,
     steps: StepIterator,
     next_step: Option<Step>,
 }
@@ -56,10 +58,8 @@ impl<B: Board> Context for Outputs<'_, B> {
                 self.next_step = self.steps.next();
             }
             Output::Step { steps, .. } => (0..steps.abs()).for_each(|_| self.board.step(steps > 0)),
-            Output::Line { line, .. } => {
-                self.line = line;
-                self.board.set_line(line);
-            }
+            // The reply leaves with the old settings first.
+            Output::Line { line, .. } => (self.line, self.is_line_new) = (line, true),
             Output::Store { offset, bytes } => {
                 let place = usize::from(offset)..usize::from(offset) + bytes.len();
                 if let Some(memory) = self.memory.get_mut(place) {
@@ -77,10 +77,19 @@ impl<B: Board> Context for Outputs<'_, B> {
     }
 }
 
-/// Runs an MD3 with the saved registers in `memory` (all `0xFF` if nothing was saved), until the UART fails.
+impl<B: Board> Outputs<'_, B> {
+    /// Changes the line of the UART, behind the reply.
+    fn change_line(&mut self) {
+        if core::mem::take(&mut self.is_line_new) {
+            self.board.set_line(self.line);
+        }
+    }
+}
+
+/// Runs an MD3 with the saved registers in `memory` (all `0xFF` if nothing was saved), until the UART cannot send.
 ///
 /// # Errors
-/// An error of the UART.
+/// An error of the UART when it sends.
 pub async fn run<U, B>(mut uart: U, board: &mut B, memory: [u8; MEMORY]) -> Result<(), U::Error>
 where
     U: Read + Write,
@@ -94,10 +103,12 @@ where
         memory,
         reply: Vec::new(),
         line: Line::new(9_600, 8, Parity::Even, 1),
+        is_line_new: false,
         steps,
         next_step: None,
     };
     drive.power_on(now(), Boot::default(), &mut out);
+    out.change_line();
     let mut received = [0; 32];
     let mut last = now();
     loop {
@@ -107,21 +118,26 @@ where
         }
         let step_at = out.next_step.map_or(Instant::NEVER, |step| step.at);
         let event = select3(uart.read(&mut received), until(drive.deadline()), until(step_at)).await;
-        let count = match event {
-            Either3::First(count) => count?,
-            Either3::Second(()) | Either3::Third(()) => 0,
-        };
         let now = now();
-        // The last character ends now, the others one after the other before it.
-        let first = now - out.line.character() * count.saturating_sub(1) as u64;
-        let bytes = received.get(..count).unwrap_or(&[]);
-        let input = (count > 0).then_some((first.max(last), Input::Bytes { port: Port(0), bytes }));
+        let input = match event {
+            Either3::First(Ok(count)) if count > 0 => {
+                // The last character ends now, the others one after the other before it.
+                let first = now - out.line.character() * (count - 1) as u64;
+                let bytes = received.get(..count).unwrap_or(&[]);
+                Some((first.max(last), Input::Bytes { port: Port(0), bytes }))
+            }
+            // A framing or parity error spoils the frame, nothing else.
+            Either3::First(Err(_)) => Some((now, Input::RxError { port: Port(0) })),
+            _ => None,
+        };
         advance(&mut drive, now, input.into_iter(), &mut out);
         last = now;
         if !out.reply.is_empty() {
             uart.write_all(&out.reply).await?;
+            uart.flush().await?;
             out.reply.clear();
         }
+        out.change_line();
     }
 }
 

@@ -52,12 +52,20 @@ impl Write for &Uart {
     }
 }
 
-#[derive(Default)]
-struct Recorder {
+struct Recorder<'a> {
+    uart: &'a Uart,
     position: RefCell<i32>,
+    /// Settings of the line, each with the number of characters sent before it.
+    lines: RefCell<Vec<(u32, usize)>>,
 }
 
-impl Board for &Recorder {
+impl<'a> Recorder<'a> {
+    fn new(uart: &'a Uart) -> Self {
+        Self { uart, position: RefCell::default(), lines: RefCell::default() }
+    }
+}
+
+impl Board for &Recorder<'_> {
     fn set_pin(&mut self, _pin: Pin, _level: Level) {}
 
     fn step(&mut self, forward: bool) {
@@ -65,7 +73,7 @@ impl Board for &Recorder {
     }
 
     fn set_line(&mut self, line: Line) {
-        assert_eq!(line.baud, 9_600);
+        self.lines.borrow_mut().push((line.baud, self.uart.from_drive.borrow().len()));
     }
 
     fn store(&mut self, _offset: u16, _bytes: &[u8]) {}
@@ -73,7 +81,8 @@ impl Board for &Recorder {
 
 #[test]
 fn a_move_by_the_bus_makes_its_steps() {
-    let (uart, recorder) = (Uart::default(), Recorder::default());
+    let uart = Uart::default();
+    let recorder = Recorder::new(&uart);
     let mut board = &recorder;
     let mut task = pin!(md3_embassy::run(&uart, &mut board, [0xFF; MEMORY]));
     let mut advance = |milliseconds: u64| {
@@ -92,4 +101,10 @@ fn a_move_by_the_bus_makes_its_steps() {
     assert!((1_000..10_000).contains(&*recorder.position.borrow()));
     advance(2_000);
     assert_eq!(*recorder.position.borrow(), 10_000);
+    // SerialPortConfiguration = 460,800 baud (7.22): the reply leaves with the old settings.
+    let request = rtu::write(1, 0x1C, 0x27);
+    uart.to_drive.borrow_mut().extend_from_slice(&request);
+    advance(20);
+    assert_eq!(uart.from_drive.borrow()[request.len()..], request[..]);
+    assert_eq!(*recorder.lines.borrow(), [(9_600, 0), (460_800, 2 * request.len())]);
 }

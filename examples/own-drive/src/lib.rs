@@ -218,26 +218,23 @@ impl Device for Vfd {
         let overloaded = self.drive.overloaded;
         self.drive = Drive { overloaded, fault: overloaded, ..Drive::new() };
         self.drive.switch_relay(at, out);
-        let receives_from = if boot.fast { at } else { at + START_UP };
-        self.serial.start(at, LINE, receives_from, out);
+        let ready = if boot.fast { at } else { at + START_UP };
+        self.serial.start(at, LINE, ready, out);
     }
 
-    fn power_off(&mut self) {
+    fn power_off(&mut self, _at: Instant) {
         self.serial.mute();
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
-        if is_reception(&input) && self.serial.is_over(at) {
-            self.serve(at, out);
-        }
-        match input {
-            Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
-            Input::RxError { .. } => {
-                self.serial.rx_error(at);
+        if is_reception(&input) {
+            self.timeout(at, out);
+            if self.serial.input(at, &input, out) {
+                self.serve(at, out);
             }
-            Input::Idle { .. } => self.serve(at, out),
-            Input::Fault { fault: OVERLOAD, on } => self.drive.set_overload(at, on, out),
-            _ => {}
+        }
+        if let Input::Fault { fault: OVERLOAD, on } = input {
+            self.drive.set_overload(at, on, out);
         }
     }
 

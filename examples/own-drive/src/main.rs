@@ -1,4 +1,4 @@
-//! `drivetwin` with a seventh product: `own-drive run own-vfd`, and everything else that `drivetwin` does.
+//! `drivetwin` with a sixth product: `own-drive run own-vfd`, and everything else that `drivetwin` does.
 
 use std::process::ExitCode;
 

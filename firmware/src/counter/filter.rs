@@ -3,7 +3,8 @@
 use super::Channel;
 use crate::device::{Duration, Instant};
 
-/// Delays a new level until it has lasted long enough, for each input separately. A shorter level is dropped.
+/// Delays a new level until it has lasted long enough, for each input separately. A shorter level is dropped, and one that
+/// ends in the very instant in which it would take effect, unless the owner handles that instant's timeout first.
 #[derive(Clone, Debug)]
 pub(crate) struct Filter {
     /// For A, B and index: the time at which the pending new level will have lasted long enough;

@@ -68,7 +68,7 @@ impl Drive {
         }
     }
 
-    /// Returns the time from which the drive receives.
+    /// Returns the end of the start-up.
     pub(super) fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) -> Instant {
         *self = Self::new(self.version());
         self.motion = Motion::new(at);
@@ -83,23 +83,13 @@ impl Drive {
         let delay = self.bank.clamped_value(Reg::StartupDelay).unsigned_abs();
         self.startup = Startup::begin(at, boot, passed, delay, out);
         self.due = self.earliest();
-        self.startup.receives_from()
+        self.startup.ready_at()
     }
 
     /// Switches the power off. Only presets follow until the next power-on.
     pub(super) fn power_off(&mut self) {
         self.startup = Startup::OFF;
         self.due = self.earliest();
-    }
-
-    /// Ends a start-up without delay. It is called before the first character is handled, when all other
-    /// inputs of this instant have been handled.
-    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.startup.wake() {
-            self.ready(at, out);
-            self.settle(at, out);
-            self.due = self.earliest();
-        }
     }
 
     /// Begins normal operation.

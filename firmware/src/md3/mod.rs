@@ -198,28 +198,24 @@ impl Device for Md3 {
     }
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
-        let receives_from = self.drive.power_on(at, boot, out);
-        self.serial.start(at, self.line(), receives_from, out);
+        let ready = self.drive.power_on(at, boot, out);
+        self.serial.start(at, self.line(), ready, out);
     }
 
-    fn power_off(&mut self) {
+    fn power_off(&mut self, _at: Instant) {
         self.drive.power_off();
         self.serial.mute();
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         if is_reception(&input) {
-            self.drive.wake(at, out);
-            if self.serial.is_over(at) {
+            self.timeout(at, out);
+            if self.serial.input(at, &input, out) {
                 self.serve(at, out);
             }
+            return;
         }
         match input {
-            Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
-            Input::RxError { .. } => {
-                self.serial.rx_error(at);
-            }
-            Input::Idle { .. } => self.serve(at, out),
             Input::Edge { pin, high } => self.drive.edge(at, pin, high, out),
             Input::Count { steps, a, b, .. } => self.drive.count(steps, a, b),
             Input::Fault { fault, on } => self.drive.set_fault(at, fault, on, out),

@@ -80,19 +80,9 @@ impl Startup {
         self.phase == Phase::Ready
     }
 
-    /// Time from which the drive receives, asked at power-on.
-    pub(super) fn receives_from(&self) -> Instant {
-        if self.phase == Phase::Waking { Instant::ZERO } else { self.ready + Duration::TICK }
-    }
-
-    /// Ends a start-up without delay, before the first character of the instant of power-on. Returns true if
-    /// the drive becomes ready.
-    pub(super) fn wake(&mut self) -> bool {
-        let wakes = self.phase == Phase::Waking;
-        if wakes {
-            *self = Self::READY;
-        }
-        wakes
+    /// End of the start-up, asked at power-on.
+    pub(super) fn ready_at(&self) -> Instant {
+        self.ready
     }
 
     /// End of the present phase.

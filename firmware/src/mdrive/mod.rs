@@ -212,7 +212,7 @@ impl Device for Mdrive {
         self.drive.power_on(at, boot, out);
     }
 
-    fn power_off(&mut self) {
+    fn power_off(&mut self, _at: Instant) {
         self.drive.power_off();
     }
 

@@ -225,9 +225,9 @@ impl Drive {
         self.reference.handle(event, &mut env)
     }
 
-    /// Time from which the drive receives, after the power-on at `at`.
-    pub(super) fn receives_from(&self, at: Instant) -> Instant {
-        self.startup.receives_from(at)
+    /// End of the start-up, asked at power-on.
+    pub(super) fn ready_at(&self) -> Instant {
+        self.startup.deadline()
     }
 
     /// Settings of the serial line after the next power-on.

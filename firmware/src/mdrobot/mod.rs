@@ -207,28 +207,22 @@ impl Device for Mdrobot {
 
     fn power_on(&mut self, at: Instant, boot: Boot, out: &mut dyn Context) {
         self.drive.power_on(at, boot, out);
-        self.serial.start(at, self.drive.line(), self.drive.receives_from(at), out);
+        self.serial.start(at, self.drive.line(), self.drive.ready_at(), out);
     }
 
-    fn power_off(&mut self) {
+    fn power_off(&mut self, _at: Instant) {
         self.drive.power_off();
         self.serial.mute();
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         if is_reception(&input) {
-            self.drive.timeout(at, out);
-            if self.serial.is_over(at) {
+            self.timeout(at, out);
+            if self.serial.input(at, &input, out) {
                 self.serve(at, out);
             }
-        }
-        match input {
-            Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
-            Input::RxError { .. } => {
-                self.serial.rx_error(at);
-            }
-            Input::Idle { .. } => self.serve(at, out),
-            _ => self.drive.input(at, &input, out),
+        } else {
+            self.drive.input(at, &input, out);
         }
     }
 

@@ -48,15 +48,6 @@ impl Startup {
         self.state == State::Ready
     }
 
-    /// Time from which the drive receives, after the power-on at `at`: with a delay the tick after its end.
-    pub(super) fn receives_from(self, at: Instant) -> Instant {
-        match self.state {
-            State::Off => Instant::NEVER,
-            State::Booting { due } if due > at => due + Duration::TICK,
-            State::Booting { .. } | State::Ready => Instant::ZERO,
-        }
-    }
-
     pub(super) fn deadline(self) -> Instant {
         match self.state {
             State::Booting { due } => due,

@@ -33,7 +33,7 @@ fn recorder() -> Recorder {
 /// A port that receives from [`START`] on.
 fn powered(line: Line, out: &mut Recorder) -> ModbusPort<RtuOrAscii> {
     let mut port = ModbusPort::new(RS485, RTU);
-    port.start(START, line, START, out);
+    port.start(Instant::ZERO, line, START - Duration::TICK, out);
     port
 }
 
@@ -51,7 +51,7 @@ fn a_message_is_heard_and_answered_in_either_framing() {
     ] {
         let mut out = recorder();
         let mut port = powered(line, &mut out);
-        assert_eq!(out.lines, [(START, RS485, line)]);
+        assert_eq!(out.lines, [(Instant::ZERO, RS485, line)]);
         assert_eq!(port.deadline(), Instant::NEVER);
         let first = START + ticks(character);
         port.bytes(first, message, &mut out);
@@ -80,14 +80,19 @@ fn a_check_sum_that_does_not_hold() {
 }
 
 #[test]
-fn a_spoiled_character_is_told_and_spoils_the_message() {
+fn a_spoiled_character_spoils_the_message() {
     for (line, message) in [(RTU, &RTU_BODY[..]), (ASCII, ASCII_BODY)] {
         let mut out = recorder();
         let mut port = powered(line, &mut out);
-        assert!(!port.rx_error(START - Duration::TICK), "not before it has ears");
-        let (first, character) = (START + Duration::TICK, line.character());
+        let (spoiled, character) = (Input::RxError { port: RS485 }, line.character());
+        // The port does not receive it yet, or another port receives it.
+        assert!(!port.input(START - Duration::TICK, &spoiled, &mut out));
+        assert!(!port.input(START, &Input::RxError { port: Port(7) }, &mut out));
+        port.bytes(START + Duration::TICK, message, &mut out);
+        assert_eq!(port.receiver.take_body(), Some(Ok(&BODY[..])));
+        let first = START + Duration::secs(1);
         port.bytes(first, &message[..3], &mut out);
-        assert!(port.rx_error(first + character * 3));
+        assert!(!port.input(first + character * 3, &spoiled, &mut out));
         port.bytes(first + character * 4, &message[4..], &mut out);
         assert_eq!(port.receiver.take_body(), Some(Err(DropReason::RxError)));
     }
@@ -103,7 +108,7 @@ fn what_ends_before_it_hears_is_lost() {
         let burst = [&[0x30, 0x31, 0x32][..], message].concat();
         let first = START - character * 3;
         for cut in 0..burst.len() {
-            port.start(first, line, START, &mut out);
+            port.start(Instant::ZERO, line, START - Duration::TICK, &mut out);
             port.bytes(first, &burst[..cut], &mut out);
             port.bytes(first + character * cut as u64, &burst[cut..], &mut out);
             assert_eq!(port.receiver.take_body(), Some(Ok(&BODY[..])), "{line}, cut at {cut}");

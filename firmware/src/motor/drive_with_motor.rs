@@ -219,9 +219,9 @@ impl<D: MotorDrive> Device for DriveWithMotor<D> {
         self.with_drive(at, out, |drive, out| drive.power_on(at, boot, out));
     }
 
-    fn power_off(&mut self) {
+    fn power_off(&mut self, at: Instant) {
         self.wires = Wires::EMPTY;
-        self.drive.power_off();
+        self.drive.power_off(at);
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {

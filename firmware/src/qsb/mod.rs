@@ -146,7 +146,7 @@ impl Device for Qsb {
         self.adapter.power_on(at, boot, out);
     }
 
-    fn power_off(&mut self) {
+    fn power_off(&mut self, _at: Instant) {
         self.adapter.power_off();
     }
 

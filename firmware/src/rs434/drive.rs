@@ -162,13 +162,6 @@ impl Drive {
         self.startup.show(at, self.errors.stop(), out);
     }
 
-    /// Starts the drive, after the inputs of the instant of power-on were received.
-    pub(super) fn wake(&mut self, at: Instant, out: &mut dyn Context) {
-        if self.startup.is_waking() {
-            self.continue_start(at, out);
-        }
-    }
-
     fn continue_start(&mut self, at: Instant, out: &mut dyn Context) {
         while let Some(step) = self.startup.timeout(at) {
             match step {
@@ -195,9 +188,9 @@ impl Drive {
         }
     }
 
-    /// First instant at which characters are received; `None` while it is unknown.
-    pub(super) fn receives_from(&self) -> Option<Instant> {
-        self.startup.receives_from()
+    /// End of the start; `None` while it is unknown.
+    pub(super) fn ready_at(&self) -> Option<Instant> {
+        self.startup.ready_at()
     }
 
     /// Settings of the bus for the next start (6.4; RS434-3).

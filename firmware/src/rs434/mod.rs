@@ -207,10 +207,10 @@ impl Rs434 {
     fn after_event(&mut self, at: Instant, out: &mut dyn Context) {
         self.drive.settle(at, out);
         if self.manners.is_none()
-            && let Some(from) = self.drive.receives_from()
+            && let Some(ready) = self.drive.ready_at()
         {
             let manners = self.drive.bus_settings();
-            self.serial.start(at, manners.line, from, out);
+            self.serial.start(at, manners.line, ready, out);
             self.manners = Some(manners);
         }
         self.due = self.drive.deadline().min(self.serial.deadline());
@@ -269,34 +269,28 @@ impl Device for Rs434 {
         self.start(at, out);
     }
 
-    fn power_off(&mut self) {
+    fn power_off(&mut self, _at: Instant) {
         self.drive.power_off();
+        self.serial.mute();
     }
 
     fn input(&mut self, at: Instant, input: Input<'_>, out: &mut dyn Context) {
         if is_reception(&input) {
-            self.drive.wake(at, out);
-            self.after_event(at, out);
-            if self.serial.is_over(at) {
+            self.timeout(at, out);
+            if matches!(input, Input::RxError { .. }) && at >= self.serial.receives_from() {
+                self.drive.rx_error();
+            }
+            if self.serial.input(at, &input, out) {
                 self.serve(at, out);
             }
-        }
-        match input {
-            Input::Bytes { bytes, .. } => self.serial.bytes(at, bytes, out),
-            Input::RxError { .. } => {
-                let is_receiving = self.serial.rx_error(at);
-                if is_receiving {
-                    self.drive.rx_error();
-                }
-            }
-            Input::Idle { .. } => self.serve(at, out),
-            _ => self.drive.input(at, &input, out),
+        } else {
+            self.drive.input(at, &input, out);
         }
         self.after_event(at, out);
     }
 
     fn receives_from(&self) -> Instant {
-        self.drive.receives_from().unwrap_or(Instant::NEVER)
+        self.serial.receives_from()
     }
 
     fn is_for_others(&self, at: Instant, _port: Port, address: u8) -> bool {

@@ -77,7 +77,7 @@ impl Startup {
     }
 
     pub(super) fn power_off(&mut self) {
-        self.state = State::Off;
+        *self = Self::OFF;
     }
 
     pub(super) fn is_off(&self) -> bool {
@@ -88,16 +88,11 @@ impl Startup {
         self.state == State::Ready
     }
 
-    /// Returns true in the instant of power-on, while other inputs may still follow.
-    pub(super) fn is_waking(&self) -> bool {
-        matches!(self.state, State::Waking { .. })
-    }
-
-    /// First instant at which characters are received; `None` while it is unknown.
-    pub(super) fn receives_from(&self) -> Option<Instant> {
+    /// End of the start; `None` while it is unknown.
+    pub(super) fn ready_at(&self) -> Option<Instant> {
         match self.state {
             State::Off | State::Waking { .. } | State::Clearing { .. } => None,
-            State::Booting { due } => Some(due + Duration::TICK),
+            State::Booting { due } => Some(due),
             State::Ready => Some(Instant::ZERO),
         }
     }

@@ -88,6 +88,7 @@ impl<D: Device> Fixture<D> {
 
     /// Switches the power off, and on again 1 s later without a start-up delay. Memory and record are kept.
     pub fn cycle(&mut self) {
+        self.drive.power_off(self.now);
         self.now += Duration::secs(1);
         self.power_on_fast();
     }

@@ -65,6 +65,8 @@ pub(crate) struct Slot {
     wakes: Wakes,
     /// Next deadline; [`Instant::NEVER`] if power is off.
     deadline: Instant,
+    /// Time at which power went off last.
+    off_since: Instant,
 }
 
 impl Slot {
@@ -97,6 +99,7 @@ impl Slot {
             last,
             wakes: Wakes::default(),
             deadline: Instant::NEVER,
+            off_since: Instant::ZERO,
         }
     }
 
@@ -176,6 +179,17 @@ impl Slot {
         self.done(at, Phase::Power, context);
     }
 
+    fn power_off(&mut self, at: Instant, outputs: &mut Outputs) {
+        self.off_since = at;
+        self.device.power_off(at);
+        self.state.power_off(at, outputs);
+    }
+
+    /// The instant at which the drive is asked for its state: now, or the last one with power.
+    fn asked_at(&self, now: Instant) -> Instant {
+        if self.state.powered { now } else { self.off_since }
+    }
+
     /// Updates the signal of a pin or the cause of a fault. Returns true if the drive receives the input. If
     /// power is off, it receives only changes of power; while it sends on a half-duplex line, it receives no
     /// characters.
@@ -225,7 +239,7 @@ impl Slot {
         context.trace.record_input(at, self.state.drive, input);
         match *input {
             InputRecord::Power(Power::On) => self.power_on(at, context),
-            InputRecord::Power(Power::Off) => self.state.power_off(at, context.outputs),
+            InputRecord::Power(Power::Off) => self.power_off(at, context.outputs),
             InputRecord::Power(Power::Cut(cut)) => self.state.cut(cut),
             InputRecord::Poke { row, value } => {
                 let sink = &mut SlotContext { state: &mut self.state, context };
@@ -393,7 +407,7 @@ impl Slot {
             self.state.own_messages.push(&mut context.outputs.own_messages, at, port, bytes);
         }
         if self.state.dead {
-            self.state.power_off(at, context.outputs);
+            self.power_off(at, context.outputs);
         }
         if context.shafts {
             self.record_shafts(at, context);
@@ -538,14 +552,14 @@ impl Slot {
         }
     }
 
-    /// Value of a register, as it would be read at `at`.
+    /// Value of a register, as it would be read at `at`; without power its last value.
     pub(crate) fn peek(&self, at: Instant, row: usize) -> i64 {
-        self.device.peek(at, row)
+        self.device.peek(self.asked_at(at), row)
     }
 
     /// A word of a register that has more than four words.
     pub(crate) fn peek_word(&self, at: Instant, row: usize, word: usize) -> u16 {
-        self.device.peek_word(at, row, word)
+        self.device.peek_word(self.asked_at(at), row, word)
     }
 
     /// The level at a pin, as measured from outside (HOST-12).

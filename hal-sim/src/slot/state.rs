@@ -265,7 +265,9 @@ impl SlotState {
         };
         let bytes = &bytes[..part];
         let from = usize::from(offset);
-        if let Some(place) = Arc::make_mut(&mut self.memory).get_mut(from..from + part) {
+        let place = Arc::make_mut(&mut self.memory).get_mut(from..from + part);
+        debug_assert!(place.is_some(), "a drive stores {part} bytes at {from}, outside of its memory");
+        if let Some(place) = place {
             place.copy_from_slice(bytes);
         }
         if let Some(persist) = &mut self.persist {

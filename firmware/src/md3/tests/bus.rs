@@ -44,6 +44,31 @@ fn frames_are_3_5_characters_apart_and_a_tick_less_spoils_both() {
     }
 }
 
+/// The rule of [`ModbusPort`](crate::modbus_port::ModbusPort): what is due comes first, whatever tells that the request is
+/// over.
+#[test]
+fn a_move_that_is_asked_for_in_the_instant_in_which_the_last_one_ends_starts() {
+    let next = Input::Bytes { port: Port(0), bytes: &[2] };
+    for over in [None, Some(next), Some(Input::Idle { port: Port(0) })] {
+        let mut dut = ready();
+        dut.write(0x11, 1);
+        let (start, ..) = *dut.out.plans.last().unwrap();
+        // 10,000 steps at 5,000 steps/s with ramps of 0.5 s.
+        let end = start + 2_500.millis();
+        let move_again = rtu::write(1, 0x11, 1);
+        dut.run_until(end - JUDGEMENT - CHARACTER * move_again.len() as u64);
+        assert_eq!(dut.hear(&move_again) + JUDGEMENT, end);
+        assert_eq!((dut.out.plans.len(), dut.control() & 1), (2, 1), "at rest, then the move");
+        if let Some(over) = over {
+            dut.input(end, over);
+        }
+        dut.run_until(end);
+        assert_eq!((dut.out.plans.len(), dut.control() & 1), (3, 1), "{over:?}");
+        dut.run_until(end + 3.secs());
+        assert_eq!(dut.position(), 20_000);
+    }
+}
+
 #[test]
 fn above_19200_baud_the_silences_are_fixed() {
     let mut dut = ready();

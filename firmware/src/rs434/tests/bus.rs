@@ -145,6 +145,30 @@ fn the_reply_leaves_after_the_silence() {
     assert_eq!(dut.out.noted(), [LogEvent::Request { port: Port(0), unit: 1, function: 3 }]);
 }
 
+/// The rule of [`ModbusPort`](crate::modbus_port::ModbusPort): what is due comes first, whatever tells that the request is
+/// over.
+#[test]
+fn a_contact_that_takes_effect_in_the_instant_of_a_request_is_read() {
+    let next = Input::Bytes { port: Port(0), bytes: &[9] };
+    for over in [None, Some(next), Some(Input::Idle { port: Port(0) })] {
+        let mut dut = ready();
+        let request = rtu::frame(1, &[2, 0x10, 0, 0, 3]);
+        let first = dut.now + 1.secs();
+        let end = first + CHARACTER * (request.len() as u64 - 1) + 1_750.micros() + CHARACTER;
+        // IN1 is closed for the factory setting of PRESSED_INPUTS_EXTERN, 10 ms.
+        dut.run_until(end - 10.millis());
+        dut.contact(IN1, true);
+        dut.input(first, Input::Bytes { port: Port(0), bytes: &request });
+        dut.run_until(end - Duration::TICK);
+        assert!(dut.out.bytes.is_empty());
+        if let Some(over) = over {
+            dut.input(end, over);
+        }
+        dut.run_until(end);
+        assert_eq!(dut.out.sent(Port(0)), [(end, rtu::frame(1, &[2, 1, 0b101]).to_vec())], "{over:?}");
+    }
+}
+
 #[test]
 fn in_ascii_it_answers_in_ascii() {
     let mut dut = saved(&[(Reg::TYPE_MODBUS, 1), (Reg::BITRATE_MODBUS, 5)]);
