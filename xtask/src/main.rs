@@ -10,7 +10,7 @@
 //! cargo xtask shots   write the pictures in docs/pictures
 //! cargo xtask size    measure what each drive costs on each board, and print it
 //! cargo xtask soak    run the property tests with many new cases
-//! cargo xtask structure  print how the files of each drive depend on each other
+//! cargo xtask structure  print for each drive its structs, their own calls from file to file, imports, cycles
 //! cargo xtask swarm   run random benches under an oracle
 //! cargo xtask uf2     write a UF2 with an image of each kind for the Raspberry Pi Pico, and one for the Pico 2
 //! cargo xtask web     write the static site: the panel with its bench in WebAssembly
@@ -60,7 +60,8 @@ usage: cargo xtask <command>
   shots   write the pictures of the panel and the view in docs/pictures
   size    print what each drive costs on each board; fail if one costs too much
   soak    run the property tests with so many new cases each: `soak 20000`
-  structure  print for each drive its structs, their methods, calls from file to file and cycles of files
+  structure  print for each drive its structs, the calls of their own methods from file to file, the imports of its
+          files, and cycles; xtask/structure.py says what is counted
   swarm   run random benches under an oracle: `swarm --minutes 10`, `swarm --seed 7`, `swarm --help`;
           `swarm --planted`: how soon it finds each of the defects in tests/swarm/planted
   uf2     write target/drivetwin-pico.uf2 and drivetwin-pico2.uf2, which have every kind of drive for a Raspberry Pi
@@ -69,7 +70,7 @@ usage: cargo xtask <command>
   words   print how many doc comments begin with a question or a pronoun, by crate; `words --list`: which
 ";
 
-/// Prints the structure of each drive.
+/// Prints the structure of each drive. `structure.py` says what it counts.
 fn structure(sh: &Shell) -> Result<()> {
     let drives = ["md3", "qsb", "rs434", "mdrobot", "mdrive"].map(|drive| format!("firmware/src/{drive}"));
     Ok(cmd!(sh, "python3 xtask/structure.py {drives...}").run()?)

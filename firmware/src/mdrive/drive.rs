@@ -10,15 +10,16 @@
 //! | `startup`, `saved` | the state of the start-up, saves |
 //! | `drive::start` | power-on, restarts, loading |
 //! | `modbus` | port 502 |
-//! | `mcode` | port 503, and programs |
+//! | `interpreter` | port 503, and the lines of programs |
+//! | `mcode` | the state of MCode: connections, programs |
 //! | `motion` | the motor and its encoder |
 //! | `hybrid` | additional functions of a Hybrid |
 //! | `io` | the I/O points |
 //!
-//! `registers`, `variables::stored`, `startup`, `saved`, `hybrid`, `motion`, `io`, and the parts of `mcode` (consoles,
-//! program, vm, trips) own their state and do not know the drive. The drive wires them; its calls go downwards: from this file to
-//! `start`, `variables` and `reader`. Above it are its two languages, which act on it
-//! during a request or a line: `modbus` and `mcode::Interpreter`.
+//! `registers`, `variables::stored`, `startup`, `saved`, `hybrid`, `motion`, `io`, and the parts of `mcode`
+//! (consoles, program, vm, trips) own their state and do not know the drive. The drive wires them; its calls go
+//! downwards: from this file to `start`, `variables` and `reader`. Above it are its two languages, which act on it
+//! during a request or a line: `modbus` and `interpreter`.
 //!
 //! Motion, I/O and the Hybrid's circuitry queue events. `dispatch_events` handles those of motion and I/O after
 //! every input and timeout, `run_hybrid` those of the circuitry at once.
@@ -26,7 +27,7 @@
 mod start;
 
 use drivetwin_protocol::modbus::pdu::Exception;
-use drivetwin_protocol::registers::{Entries, Register, Space};
+use drivetwin_protocol::registers::Space;
 
 use super::STALL;
 use super::error::Error;
@@ -36,37 +37,11 @@ use super::mcode::Mcode;
 use super::mcode::statement::Place;
 use super::mcode::trip::Made;
 use super::motion::{self, Contact, Motion};
-use super::registers::{HYBRID, PLUS, Reg, TABLE_HYBRID};
+use super::registers::{Model, Reg};
 use super::saved::Saving;
 use super::startup::Startup;
 use super::variables::{Registers, entry, is_number, words};
 use crate::device::{Context, Fault, Instant, PresetError};
-
-/// The two products.
-#[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Model {
-    /// MDrivePlus².
-    Plus,
-    /// MDrive Hybrid.
-    Hybrid,
-}
-
-impl Model {
-    /// Bit of this product in the `variants` of a row.
-    pub(super) const fn variant(self) -> u8 {
-        match self {
-            Self::Plus => PLUS,
-            Self::Hybrid => HYBRID,
-        }
-    }
-
-    pub(super) fn entries(self) -> &'static Entries {
-        match self {
-            Self::Plus => Reg::ENTRIES,
-            Self::Hybrid => TABLE_HYBRID.entries,
-        }
-    }
-}
 
 /// State of the drive with all its modules.
 #[derive(Clone, Debug)]

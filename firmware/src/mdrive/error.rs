@@ -2,6 +2,7 @@
 
 use drivetwin_protocol::modbus::pdu::Exception;
 
+use super::registers::Reg;
 use crate::device::reported;
 
 /// An error, by its number (MC 9.1 to 9.7).
@@ -191,6 +192,16 @@ impl Error {
             | Self::ClearLockedInMotion => Exception::ServerDeviceFailure,
             _ => Exception::IllegalDataValue,
         }
+    }
+}
+
+/// Error for a value outside of its range.
+pub(super) fn illegal(reg: Reg) -> Error {
+    match reg {
+        Reg::HM => Error::HomeType,
+        Reg::IC | Reg::DC => Error::NotCountable,
+        Reg::BD => Error::IllegalBaud,
+        _ => Error::IllegalValue,
     }
 }
 

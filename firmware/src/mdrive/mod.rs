@@ -8,6 +8,7 @@ mod drive;
 mod error;
 mod fields;
 mod hybrid;
+mod interpreter;
 mod io;
 mod mcode;
 mod modbus;
@@ -24,10 +25,11 @@ mod tests;
 
 use drivetwin_protocol::registers::{Register, Table};
 
-use self::drive::{Drive, Model};
-use self::mcode::Interpreter;
+use self::drive::Drive;
+use self::interpreter::Interpreter;
 use self::mcode::console::note_lost_input;
 pub use self::mcode::program::lines as program_lines;
+use self::registers::Model;
 pub use self::registers::Reg;
 use crate::device::{
     AxisSpec, Boot, Context, Device, EncoderSpec, Fault, Framing, Input, Instant, Level, Pin, PinSpec, Port,

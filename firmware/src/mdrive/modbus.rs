@@ -10,12 +10,12 @@ use drivetwin_protocol::modbus::{Reply, identification};
 use drivetwin_protocol::registers::Entries;
 
 use super::MODBUS;
-use super::drive::{Drive, Model};
-use super::error::Error;
+use super::drive::Drive;
+use super::error::{Error, illegal};
 use super::mcode::statement::Statement;
-use super::reader::{Text, illegal};
+use super::reader::Text;
 use super::reasons::report;
-use super::registers::{ETHERNET, FIRMWARE, PART_NUMBER, Reg, SERIAL_NUMBER};
+use super::registers::{ETHERNET, FIRMWARE, Model, PART_NUMBER, Reg, SERIAL_NUMBER};
 use crate::device::{Context, Instant, Link, LogEvent, Output};
 
 /// Function "read manufacturer specific" (FB 4.3.2).

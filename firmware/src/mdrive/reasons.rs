@@ -1,6 +1,6 @@
 //! Reasons why the drive does not do what a request says, although it accepts the request.
 
-use super::drive::Model;
+use super::registers::Model;
 use crate::device::{Context, Instant, Reason, ReasonSpec, reported};
 
 /// Indices in [`REASONS`].

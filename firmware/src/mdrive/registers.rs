@@ -12,6 +12,32 @@ use super::fields;
 pub(super) const PLUS: u8 = 1 << 0;
 pub(super) const HYBRID: u8 = 1 << 1;
 
+/// The two products.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(super) enum Model {
+    /// MDrivePlus².
+    Plus,
+    /// MDrive Hybrid.
+    Hybrid,
+}
+
+impl Model {
+    /// Bit of this product in the `variants` of a row.
+    pub(super) const fn variant(self) -> u8 {
+        match self {
+            Self::Plus => PLUS,
+            Self::Hybrid => HYBRID,
+        }
+    }
+
+    pub(super) fn entries(self) -> &'static Entries {
+        match self {
+            Self::Plus => Reg::ENTRIES,
+            Self::Hybrid => TABLE_HYBRID.entries,
+        }
+    }
+}
+
 /// Allowed values of MS: microsteps in a full step (FB 5).
 const RESOLUTIONS: &[i64] =
     &[1, 2, 4, 5, 8, 10, 16, 25, 32, 50, 64, 100, 108, 125, 127, 128, 180, 200, 250, 256];

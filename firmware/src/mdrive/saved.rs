@@ -7,10 +7,9 @@
 
 use drivetwin_protocol::registers::Bank;
 
-use super::drive::Model;
 use super::mcode::names::{self, Meaning, Names};
 use super::mcode::program;
-use super::registers::Reg;
+use super::registers::{Model, Reg};
 use super::variables::Registers;
 use crate::device::{Context, Duration, Instant};
 use crate::memory::{self, Content, Save};

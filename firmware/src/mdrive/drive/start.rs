@@ -1,6 +1,6 @@
 //! Power-on, restarts and the sign-on; what the drive loads, and presets of what it will load.
 
-use super::{Drive, Model};
+use super::Drive;
 use crate::device::{Boot, Context, Instant, NullContext, PresetError};
 use crate::mdrive::error::Error;
 use crate::mdrive::io::Io;
@@ -8,7 +8,7 @@ use crate::mdrive::mcode::console::{Consoles, note_lost_input, prompt};
 use crate::mdrive::mcode::names::Names;
 use crate::mdrive::mcode::statement::Place;
 use crate::mdrive::motion;
-use crate::mdrive::registers::Reg;
+use crate::mdrive::registers::{Model, Reg};
 use crate::mdrive::saved::{Saving, load_globals};
 use crate::mdrive::variables::{entry, is_number, words};
 

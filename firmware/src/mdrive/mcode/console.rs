@@ -14,11 +14,13 @@ use super::serial::{Party, PartyAddress};
 use crate::device::{Context, DropReason, Duration, Instant, Link, LogEvent, Output};
 use crate::mdrive::MCODE;
 use crate::mdrive::error::Errors;
-use crate::mdrive::reader::CR_LF;
 use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::Reg;
 use crate::mdrive::startup::SIGN_ON;
 use crate::mdrive::variables::Registers;
+
+/// End of a printed line.
+pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
 
 const CTRL_C: u8 = 0x03;
 const CTRL_E: u8 = 0x05;
@@ -28,7 +30,7 @@ const DELETE: u8 = 0x7F;
 
 /// Echo of a typed line, by EM (MC 7.1.1).
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Echo {
+pub(in crate::mdrive) enum Echo {
     /// Each character, and a prompt.
     Full,
     /// CR LF when the line is accepted.
@@ -67,17 +69,17 @@ impl Console {
 }
 
 /// A line that is complete.
-pub(super) struct Typed {
-    pub(super) line: Vec<u8, LINE_BYTES>,
+pub(in crate::mdrive) struct Typed {
+    pub(in crate::mdrive) line: Vec<u8, LINE_BYTES>,
     /// Name by which the line called this drive; 0 if it called none.
-    pub(super) name: u8,
+    pub(in crate::mdrive) name: u8,
     /// Address at which the line is stored, in program mode.
-    pub(super) programming: Option<u16>,
+    pub(in crate::mdrive) programming: Option<u16>,
 }
 
 /// Result of a character.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-pub(super) enum Key {
+pub(in crate::mdrive) enum Key {
     None,
     /// The line ends. The program continues at full speed if it `continues`.
     End {
@@ -119,7 +121,7 @@ impl Consoles {
 
     /// Closes a connection. Forgets the text that is being typed there, the command of this connection that is
     /// in execution, and the characters that wait for its end.
-    pub(super) fn close(&mut self, link: Link) {
+    pub(in crate::mdrive) fn close(&mut self, link: Link) {
         self.list.retain(|console| console.link != link);
         self.executing.take_if(|(executing, _)| *executing == link);
         for _ in 0..self.waiting.len() {
@@ -206,29 +208,29 @@ impl Consoles {
     }
 
     /// Begins to execute the line on a connection.
-    pub(super) fn execute(&mut self, at: Instant, link: Link, takes: Duration) {
+    pub(in crate::mdrive) fn execute(&mut self, at: Instant, link: Link, takes: Duration) {
         self.executing = Some((link, at + takes));
     }
 
     /// Takes the connection whose line has been executed.
-    pub(super) fn executed(&mut self, at: Instant) -> Option<Link> {
+    pub(in crate::mdrive) fn executed(&mut self, at: Instant) -> Option<Link> {
         self.executing.take_if(|(_, due)| *due <= at).map(|(link, _)| link)
     }
 
     /// Stores characters that arrive while a line is being executed.
-    pub(super) fn wait(&mut self, link: Link, character: u8) {
+    pub(in crate::mdrive) fn wait(&mut self, link: Link, character: u8) {
         // A client that respects `takes` never sends more characters than the queue holds.
         let _ = self.waiting.push_back((link, character));
     }
 
     /// Takes the oldest waiting character, unless a line is being executed.
-    pub(super) fn waited(&mut self) -> Option<(Link, u8)> {
+    pub(in crate::mdrive) fn waited(&mut self) -> Option<(Link, u8)> {
         if self.takes() { self.waiting.pop_front() } else { None }
     }
 
     /// Handles a character, which is echoed if that is on. `steps` is true if the program waits for a key. Returns what
     /// follows.
-    pub(super) fn character(
+    pub(in crate::mdrive) fn character(
         &mut self,
         at: Instant,
         link: Link,
@@ -290,7 +292,7 @@ impl Consoles {
     }
 
     /// Ends a line. Returns false if the line was refused before, so that it is not executed.
-    pub(super) fn end_line(&mut self, link: Link) -> bool {
+    pub(in crate::mdrive) fn end_line(&mut self, link: Link) -> bool {
         let next = self.first_called();
         let Some(console) = self.find(link) else { return false };
         let refused = mem::take(&mut console.refused);
@@ -302,20 +304,20 @@ impl Consoles {
     }
 
     /// Line on a connection, and true if it is in program mode.
-    pub(super) fn line(&self, link: Link) -> (&[u8], bool) {
+    pub(in crate::mdrive) fn line(&self, link: Link) -> (&[u8], bool) {
         let console = self.list.iter().find(|console| console.link == link);
         console.map_or((&[], false), |console| (&console.line, console.programming.is_some()))
     }
 
     /// Takes the line on a connection.
-    pub(super) fn take_line(&mut self, link: Link) -> Option<Typed> {
+    pub(in crate::mdrive) fn take_line(&mut self, link: Link) -> Option<Typed> {
         let console = self.find(link)?;
         let line = mem::take(&mut console.line);
         Some(Typed { line, name: console.address_state.name(), programming: console.programming })
     }
 
     /// Begins the next line, after one that has been executed.
-    pub(super) fn next_line(&mut self, link: Link) {
+    pub(in crate::mdrive) fn next_line(&mut self, link: Link) {
         self.begin_line(link, self.first_called());
     }
 
@@ -367,7 +369,7 @@ impl Consoles {
     }
 
     /// Sends the end of a line's echo. With checksums an acknowledgement is sent instead of CR LF.
-    pub(super) fn end_echo(
+    pub(in crate::mdrive) fn end_echo(
         &self,
         at: Instant,
         link: Link,
@@ -385,14 +387,14 @@ impl Consoles {
     }
 
     /// Sets the address from which typed lines are stored; `None` ends program mode.
-    pub(super) fn program_from(&mut self, link: Link, address: Option<u16>) {
+    pub(in crate::mdrive) fn program_from(&mut self, link: Link, address: Option<u16>) {
         if let Some(console) = self.find(link) {
             console.programming = address;
         }
     }
 
     /// Sends an answer on a connection, if this drive is to answer.
-    pub(super) fn answer(
+    pub(in crate::mdrive) fn answer(
         &self,
         at: Instant,
         link: Link,
@@ -406,7 +408,11 @@ impl Consoles {
     }
 
     /// Connections that get the answer to a line: its own, or none if this drive is not to answer.
-    pub(super) fn recipients(&self, link: Link, registers: &Registers) -> Vec<Link, MAX_CONNECTIONS> {
+    pub(in crate::mdrive) fn recipients(
+        &self,
+        link: Link,
+        registers: &Registers,
+    ) -> Vec<Link, MAX_CONNECTIONS> {
         let mut links = Vec::new();
         let console = self.list.iter().find(|console| console.link == link);
         if console.is_some_and(|console| registers.answers(console.address_state)) {
@@ -417,7 +423,7 @@ impl Consoles {
     }
 
     /// Answers Esc or Ctrl-E.
-    pub(super) fn answer_abort(
+    pub(in crate::mdrive) fn answer_abort(
         &self,
         at: Instant,
         link: Link,
@@ -447,7 +453,7 @@ impl Consoles {
 }
 
 impl Registers {
-    pub(super) fn echo(&self) -> Echo {
+    pub(in crate::mdrive) fn echo(&self) -> Echo {
         match self.word(Reg::EM) {
             0 => Echo::Full,
             1 => Echo::Half,
@@ -482,7 +488,7 @@ fn note_key(at: Instant, key: u8, out: &mut dyn Context) {
 }
 
 /// Sends bytes on a connection.
-pub(super) fn send(at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
+pub(in crate::mdrive) fn send(at: Instant, link: Link, bytes: &[u8], out: &mut dyn Context) {
     if !bytes.is_empty() {
         out.put(at, Output::Message { port: MCODE, link, bytes });
     }

@@ -1,33 +1,28 @@
-//! MCode, the drive's own language: lines received on TCP, and programs.
+//! MCode, the drive's own language: its connections, its parser, its programs and their state. The lines are executed
+//! by `interpreter`, which acts on the whole drive.
 //!
 //! | file | content |
 //! |---|---|
 //! | `console` | connections: characters, keys, echo, answers |
-//! | `typed` | execution of typed lines |
 //! | `serial` | party mode and checksums, as in drives with a serial port |
 //! | `mnemonic` | names of the language |
 //! | `statement` | a line after parsing |
 //! | `parse` | the parser |
 //! | `program` | stored lines, by address |
 //! | `names` | labels and user variables |
-//! | `message_writer` | printed text, collected to messages |
-//! | `execute` | effects of statements, typed or of the program |
 //! | `vm` | state of the program that runs |
 //! | `run` | start, pauses and end of the program; errors and calls |
 //! | `trip` | trips |
 
 pub(super) mod console;
-mod execute;
-mod message_writer;
 pub(super) mod mnemonic;
 pub(super) mod names;
 pub(super) mod parse;
 pub(super) mod program;
 mod run;
-mod serial;
+pub(super) mod serial;
 pub(super) mod statement;
 pub(super) mod trip;
-mod typed;
 pub(super) mod vm;
 
 #[cfg(test)]
@@ -38,9 +33,8 @@ use self::names::Names;
 use self::program::Program;
 use self::trip::Trips;
 use self::vm::Vm;
-use super::drive::Drive;
 use super::error::Errors;
-use crate::device::{Context, Instant};
+use crate::device::Instant;
 
 /// State of MCode. EF and ER are a part of it, because an error calls OE's handler.
 #[derive(Clone, Debug)]
@@ -69,18 +63,5 @@ impl Mcode {
 
     pub(super) fn deadline(&self) -> Instant {
         self.consoles.deadline().min(self.vm.deadline()).min(self.trips.deadline())
-    }
-}
-
-/// The drive as MCode acts on it at an instant: by typed lines (`typed`) and by the lines of a program (`execute`).
-pub(super) struct Interpreter<'a> {
-    drive: &'a mut Drive,
-    at: Instant,
-    out: &'a mut dyn Context,
-}
-
-impl<'a> Interpreter<'a> {
-    pub(super) fn new(drive: &'a mut Drive, at: Instant, out: &'a mut dyn Context) -> Self {
-        Self { drive, at, out }
     }
 }

@@ -40,7 +40,7 @@ pub(in crate::mdrive) fn parse<'a>(
 }
 
 /// Returns true if a line begins with a number, so that it has no command.
-pub(super) fn begins_number(line: &[u8]) -> bool {
+pub(in crate::mdrive) fn begins_number(line: &[u8]) -> bool {
     matches!(line.trim_ascii_start().first(), Some(b'0'..=b'9' | b'+' | b'-' | b'.'))
 }
 

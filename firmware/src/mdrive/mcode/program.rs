@@ -335,7 +335,7 @@ impl Mcode {
     /// # Errors
     /// The errors of the line; 28 for a label that exists already, 31 and 45 if there is no room. Nothing is
     /// stored then, and the address stays.
-    pub(super) fn store_line(
+    pub(in crate::mdrive) fn store_line(
         &mut self,
         at: Instant,
         address: u16,
@@ -356,7 +356,7 @@ impl Mcode {
     }
 
     /// Clears all lines from an address on, and their labels.
-    pub(super) fn clear_program(&mut self, at: Instant, from: u16, out: &mut dyn Context) {
+    pub(in crate::mdrive) fn clear_program(&mut self, at: Instant, from: u16, out: &mut dyn Context) {
         self.program.clear(at, from, out);
         self.names.retain(|_, meaning| !matches!(meaning, Meaning::Label(address) if address >= from));
     }
@@ -367,7 +367,7 @@ impl Registers {
     ///
     /// # Errors
     /// Error 44: LK is 1 (MC 5-42).
-    pub(super) fn needs_unlocked(&self) -> Result<(), Error> {
+    pub(in crate::mdrive) fn needs_unlocked(&self) -> Result<(), Error> {
         if self.word(Reg::LK) == 0 { Ok(()) } else { Err(Error::Locked) }
     }
 }

@@ -129,7 +129,7 @@ impl Mcode {
     }
 
     /// Calls one of the pending subroutines: OE's handler first, then trips in the order of TE.
-    pub(super) fn call_next_interrupt(&mut self, at: Instant, motion: &mut Motion) {
+    pub(in crate::mdrive) fn call_next_interrupt(&mut self, at: Instant, motion: &mut Motion) {
         let Self { vm, trips, .. } = self;
         let Some(Interrupt { place, handles }) = vm.next_interrupt(trips) else { return };
         let found = self.find_line(place);
@@ -146,7 +146,7 @@ impl Mcode {
     /// Handles an error of a line or a call of the program. Some errors end the program. They do not if OE's
     /// handler is called: "program execution continues with the instruction after the one that caused the
     /// error" (MC 5-52).
-    pub(super) fn fail_program(&mut self, at: Instant, error: Error, motion: &mut Motion) {
+    pub(in crate::mdrive) fn fail_program(&mut self, at: Instant, error: Error, motion: &mut Motion) {
         let handles = self.vm.handles();
         if error.ends_program() && !self.calls_error_handler() {
             self.end(motion);

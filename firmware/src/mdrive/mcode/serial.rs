@@ -5,9 +5,9 @@ use super::super::registers::Reg;
 use super::super::variables::Registers;
 
 /// "Accepted", sent instead of CR LF if there are checksums.
-pub(super) const ACK: u8 = 0x06;
+pub(in crate::mdrive) const ACK: u8 = 0x06;
 /// "Refused", sent in the same way.
-pub(super) const NAK: u8 = 0x15;
+pub(in crate::mdrive) const NAK: u8 = 0x15;
 
 /// Name that addresses all drives (MC 5-59).
 const ALL: u8 = b'*';
@@ -87,12 +87,12 @@ impl Registers {
 }
 
 /// Checksum of a text. With it the sum of all characters is 0 in seven bits (MC 7.1.2).
-pub(super) fn check_sum(text: &[u8]) -> u8 {
+pub(in crate::mdrive) fn check_sum(text: &[u8]) -> u8 {
     sum(text).wrapping_neg() | 0x80
 }
 
 /// Returns true if a line, with the name before it, ends with its checksum.
-pub(super) fn is_checked(name: u8, line: &[u8]) -> bool {
+pub(in crate::mdrive) fn is_checked(name: u8, line: &[u8]) -> bool {
     sum(line).wrapping_add(name) & 0x7F == 0
 }
 

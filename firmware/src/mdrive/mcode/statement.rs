@@ -22,7 +22,7 @@ pub(in crate::mdrive) enum Operand {
 
 impl Operand {
     /// Returns true if the operand may have a fraction.
-    pub(super) fn is_ratio(self) -> bool {
+    pub(in crate::mdrive) fn is_ratio(self) -> bool {
         matches!(self, Self::Ratio(_) | Self::Variable(Reg::CR))
     }
 }

@@ -149,12 +149,12 @@ impl Vm {
     }
 
     /// IV: begins to wait for a number for this variable.
-    pub(super) fn await_input(&mut self, variable: Operand) {
+    pub(in crate::mdrive) fn await_input(&mut self, variable: Operand) {
         (self.awaited, self.input_pending) = (Some(variable), true);
     }
 
     /// Takes the variable that IV named, if any, because a number for it has been typed.
-    pub(super) fn take_input(&mut self) -> Option<Operand> {
+    pub(in crate::mdrive) fn take_input(&mut self) -> Option<Operand> {
         self.input_pending = false;
         self.awaited
     }
@@ -233,7 +233,7 @@ impl Vm {
     }
 
     /// Handles the deadline. Returns true if a line is to be carried out; otherwise the time of H has passed.
-    pub(super) fn timeout(&mut self, at: Instant) -> bool {
+    pub(in crate::mdrive) fn timeout(&mut self, at: Instant) -> bool {
         if let Phase::Until(_) = self.phase {
             self.begin(at);
             return false;
@@ -242,12 +242,12 @@ impl Vm {
     }
 
     /// Address of the line that is to be carried out.
-    pub(super) fn address(&self) -> u16 {
+    pub(in crate::mdrive) fn address(&self) -> u16 {
         self.address
     }
 
     /// Begins to carry out the line at the address. Returns true if the line is to be printed.
-    pub(super) fn begin_line(&mut self, at: Instant) -> bool {
+    pub(in crate::mdrive) fn begin_line(&mut self, at: Instant) -> bool {
         self.address = self.address.saturating_add(1);
         // Phase after an executed line, unless the line sets another one.
         self.phase = Phase::Line(at);
@@ -255,7 +255,7 @@ impl Vm {
     }
 
     /// Handles the end of a line: the next one begins. Returns true if a pending call comes first.
-    pub(super) fn end_line(&mut self, at: Instant) -> bool {
+    pub(in crate::mdrive) fn end_line(&mut self, at: Instant) -> bool {
         if self.is_interrupted() {
             return true;
         }
@@ -318,17 +318,17 @@ impl Vm {
     }
 
     /// BP: single steps begin at this address after `count` further passes; `None` removes the break point.
-    pub(super) fn set_break_point(&mut self, address: Option<u16>, count: u16) {
+    pub(in crate::mdrive) fn set_break_point(&mut self, address: Option<u16>, count: u16) {
         self.break_point = address.map(|address| BreakPoint { address, count, left: count });
     }
 
     /// Sets the handler of errors (OE).
-    pub(super) fn set_handler(&mut self, handler: Option<Place>) {
+    pub(in crate::mdrive) fn set_handler(&mut self, handler: Option<Place>) {
         self.handler = handler;
     }
 
     /// Continues with another line (BR).
-    pub(super) fn jump(&mut self, address: u16) {
+    pub(in crate::mdrive) fn jump(&mut self, address: u16) {
         self.address = address;
     }
 
@@ -337,7 +337,7 @@ impl Vm {
     ///
     /// # Errors
     /// Error 43: too many nested calls.
-    pub(super) fn call(&mut self, at: Instant, address: u16, handles: bool) -> Result<(), Error> {
+    pub(in crate::mdrive) fn call(&mut self, at: Instant, address: u16, handles: bool) -> Result<(), Error> {
         let callers = self.calls.iter().filter(|call| !call.handles).count();
         if !handles && callers == DEPTH {
             return Err(Error::TooManyCalls);
@@ -356,7 +356,7 @@ impl Vm {
     ///
     /// # Errors
     /// Error 41: there is no call to return from.
-    pub(super) fn ret(&mut self, at: Instant) -> Result<(), Error> {
+    pub(in crate::mdrive) fn ret(&mut self, at: Instant) -> Result<(), Error> {
         let call = self.calls.pop().ok_or(Error::StackOverflow)?;
         (self.address, self.phase) = (call.address, call.phase);
         match self.phase {
@@ -368,7 +368,7 @@ impl Vm {
     }
 
     /// H: waits until this time, or for the end of motion if `None`.
-    pub(super) fn set_hold(&mut self, until: Option<Instant>) {
+    pub(in crate::mdrive) fn set_hold(&mut self, until: Option<Instant>) {
         self.phase = until.map_or(Phase::Motion, Phase::Until);
     }
 

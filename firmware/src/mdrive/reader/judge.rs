@@ -3,11 +3,10 @@
 use drivetwin_protocol::registers::{Register, Space};
 
 use super::Reader;
-use crate::mdrive::drive::Model;
 use crate::mdrive::error::Error;
 use crate::mdrive::hybrid::is_in_torque_mode;
 use crate::mdrive::reasons::Why;
-use crate::mdrive::registers::Reg;
+use crate::mdrive::registers::{Model, Reg};
 use crate::mdrive::variables::{
     CLOSED_MICROSTEPS, NO_DELAY_MS, RATIO_ONE, entry, is_number, output_bit, step,
 };
@@ -129,16 +128,6 @@ impl Reader<'_> {
 /// Returns true if DN may be this character: a to z, A to Z, 0 to 9 (MC 5-20).
 fn is_name(character: i64) -> bool {
     u8::try_from(character).is_ok_and(|character| character.is_ascii_alphanumeric())
-}
-
-/// Error for a value outside of its range.
-pub(in crate::mdrive) fn illegal(reg: Reg) -> Error {
-    match reg {
-        Reg::HM => Error::HomeType,
-        Reg::IC | Reg::DC => Error::NotCountable,
-        Reg::BD => Error::IllegalBaud,
-        _ => Error::IllegalValue,
-    }
 }
 
 /// Returns true for a value that the range of its variable has, but that no write can set.

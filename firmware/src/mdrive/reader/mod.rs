@@ -15,9 +15,9 @@ mod lists;
 mod print;
 mod time;
 
-pub(super) use self::judge::{illegal, refuses};
-pub(super) use self::print::{CR_LF, Text};
-use super::drive::{Drive, Model};
+pub(super) use self::judge::refuses;
+pub(super) use self::print::Text;
+use super::drive::Drive;
 use super::error::{Error, Errors};
 use super::hybrid::{Hybrid, frequency, is_in_torque_mode};
 use super::io::Io;
@@ -25,7 +25,7 @@ use super::mcode::Mcode;
 use super::mcode::parse::parse;
 use super::mcode::statement::Statement;
 use super::motion::Motion;
-use super::registers::{Reg, is_frequency};
+use super::registers::{Model, Reg, is_frequency};
 use super::variables::{Registers, user_name};
 use crate::device::Instant;
 

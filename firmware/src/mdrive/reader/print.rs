@@ -4,17 +4,14 @@ use drivetwin_protocol::registers::Register;
 use heapless::Vec;
 
 use super::Reader;
-use crate::mdrive::drive::Model;
 use crate::mdrive::error::Error;
+use crate::mdrive::mcode::console::CR_LF;
 use crate::mdrive::mcode::mnemonic::{self, Keyword, Mnemonic};
 use crate::mdrive::mcode::names::Meaning;
 use crate::mdrive::mcode::parse;
 use crate::mdrive::mcode::statement::{List, Operand, Parameter};
-use crate::mdrive::registers::{FIRMWARE, HARDWARE, PART_NUMBER, ROWS, Reg, SERIAL_NUMBER};
+use crate::mdrive::registers::{FIRMWARE, HARDWARE, Model, PART_NUMBER, ROWS, Reg, SERIAL_NUMBER};
 use crate::mdrive::variables::RATIO_ONE;
-
-/// End of a printed line.
-pub(in crate::mdrive) const CR_LF: &[u8] = b"\r\n";
 
 /// Destination of text, piece by piece.
 pub(in crate::mdrive) trait Text {

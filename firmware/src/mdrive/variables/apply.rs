@@ -2,14 +2,14 @@
 
 use super::{entry, output_bit, step, user_name};
 use crate::device::{Context, Instant};
-use crate::mdrive::drive::{Drive, Model};
+use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::hybrid::{Environment, divider, set_motion};
 use crate::mdrive::io::Filters;
 use crate::mdrive::mcode::statement::{List, Parameter};
 use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
-use crate::mdrive::registers::{Reg, is_frequency, mcode_range};
+use crate::mdrive::registers::{Model, Reg, is_frequency, mcode_range};
 
 impl Drive {
     /// Writes a variable: validates, then applies it.

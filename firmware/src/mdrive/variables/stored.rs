@@ -7,12 +7,10 @@ use heapless::Vec;
 
 use super::{NO_DELAY_MS, entry, is_number, words};
 use crate::device::Context;
-use crate::mdrive::drive::Model;
-use crate::mdrive::error::Error;
+use crate::mdrive::error::{Error, illegal};
 use crate::mdrive::io;
 use crate::mdrive::motion;
-use crate::mdrive::reader::illegal;
-use crate::mdrive::registers::{LASTING, Reg, mcode_accepts};
+use crate::mdrive::registers::{LASTING, Model, Reg, mcode_accepts};
 use crate::memory::{self, Content};
 
 /// Maximum sum of HT and MT, in ms (MC 5-32).

@@ -14,11 +14,11 @@ use std::vec::Vec;
 
 use drivetwin_protocol::time::Span;
 
-use super::super::Interpreter;
 use super::super::names::Meaning;
 use crate::device::{Boot, Device, Duration, Input, Instant, Level, Link, Output, Pin};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
+use crate::mdrive::interpreter::Interpreter;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::{A, ANALOG, B, CAPTURE, IO1, IO4, MCODE, MEMORY, Mdrive, STALL};
 use crate::testing::{Fixture, Treatment};

@@ -4,11 +4,11 @@ use core::mem;
 
 use heapless::Vec;
 
-use super::console::{MAX_CONNECTIONS, send};
-use super::program::LINE_BYTES;
-use super::serial::check_sum;
 use crate::device::{Context, Instant, Link};
-use crate::mdrive::reader::{CR_LF, Text};
+use crate::mdrive::mcode::console::{CR_LF, MAX_CONNECTIONS, send};
+use crate::mdrive::mcode::program::LINE_BYTES;
+use crate::mdrive::mcode::serial::check_sum;
+use crate::mdrive::reader::Text;
 
 /// Collects output into messages, and sends them on connections.
 pub(super) struct MessageWriter<'o> {

@@ -3,16 +3,16 @@
 use heapless::Vec;
 
 use super::Interpreter;
-use super::console::{MAX_CONNECTIONS, prompt};
 use super::message_writer::MessageWriter;
-use super::names::{Meaning, Names};
-use super::parse::Expression;
-use super::program::LINE_BYTES;
-use super::statement::{Name, Operand, Place, Statement};
 use crate::device::{Duration, Link};
 use crate::mdrive::error::Error;
+use crate::mdrive::mcode::console::{CR_LF, MAX_CONNECTIONS, prompt};
+use crate::mdrive::mcode::names::{Meaning, Names};
+use crate::mdrive::mcode::parse::Expression;
+use crate::mdrive::mcode::program::LINE_BYTES;
+use crate::mdrive::mcode::statement::{Name, Operand, Place, Statement};
 use crate::mdrive::motion::Order;
-use crate::mdrive::reader::{CR_LF, Text};
+use crate::mdrive::reader::Text;
 use crate::mdrive::reasons::report;
 use crate::mdrive::registers::Reg;
 use crate::mdrive::variables::entry;
@@ -50,7 +50,11 @@ impl Interpreter<'_> {
     ///
     /// # Errors
     /// An error of MC 9; nothing has changed then.
-    pub(super) fn execute(&mut self, statement: &Statement<'_>, program: bool) -> Result<(), Error> {
+    pub(in crate::mdrive) fn execute(
+        &mut self,
+        statement: &Statement<'_>,
+        program: bool,
+    ) -> Result<(), Error> {
         match statement {
             // "IF will be cleared to zero with a carriage return" (MC 5-36).
             Statement::Empty if !program => self.drive.mcode.vm.set_input_pending(false),
