@@ -17,6 +17,7 @@ use std::sync::{Arc, Mutex};
 
 use drivetwin_firmware::device::{Axis, Encoder, Fault, Level, Line, Pin};
 use drivetwin_firmware::md3::{Md3, Reg};
+use drivetwin_firmware::mdrive::Mdrive;
 use drivetwin_protocol::line::Parity;
 use drivetwin_protocol::modbus::rtu::{self, Timing};
 use drivetwin_protocol::time::Span;
@@ -1522,4 +1523,26 @@ proptest! {
         let trace = Trace::parse(text, &make).unwrap();
         prop_assert_eq!(trace.to_text(), text);
     }
+}
+
+/// The bench tells the drive that its power is off, and shows its registers as they were then.
+#[test]
+fn without_power_registers_keep_their_last_values() {
+    let mut bench = Bench::new();
+    let setup = Setup { boot_fast: true, ..Setup::default() };
+    let drive = bench.add_with("d", Box::new(Mdrive::plus()), setup).unwrap();
+    let position = bench.spec(drive).find("P").unwrap().row;
+    bench.run_until(1.secs());
+    let client = bench.connect_to(drive, Port(1)).unwrap();
+    bench.send(client, b"SL 51200\r\n");
+    bench.run_until(3.secs());
+    assert!(bench.peek(drive, position) > 51_200);
+    bench.power(drive, PowerAction::Off);
+    bench.run_until(bench.now() + Duration::TICK);
+    let last = bench.peek(drive, position);
+    bench.run_until(10.secs());
+    assert_eq!(bench.peek(drive, position), last);
+    bench.power(drive, PowerAction::On);
+    bench.run_until(11.secs());
+    assert_eq!(bench.peek(drive, position), 0);
 }
