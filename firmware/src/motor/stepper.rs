@@ -269,7 +269,9 @@ impl StepperMotor {
         if self.is_free() && self.interval.speed_at(at) == 0 {
             self.move_field(at);
             self.is_loose = false;
-            self.field_offset = self.nearest_period(self.interval.phase_at(at));
+            let shaft = self.interval.phase_at(at);
+            self.field_offset = self.nearest_period(shaft);
+            self.interval = MotionInterval::at_rest(at, at, shaft);
             self.next_interval(at, CATCH_UP);
         }
     }
@@ -338,6 +340,9 @@ impl StepperMotor {
         let resynchronises =
             self.is_free() && speed == 0 && self.catch_up_until <= at && self.resynchronises(shaft, &field);
         self.is_loose = !resynchronises && (self.is_loose || !self.can_follow());
+        if resynchronises {
+            self.interval = MotionInterval::at_rest(at, at, shaft);
+        }
         if !self.is_loose {
             let next = self.following(at, within, shaft, &field);
             let fails = if resynchronises { None } else { self.fails_after(&next) };
