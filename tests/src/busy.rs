@@ -34,9 +34,19 @@ impl Toys {
     }
 
     /// Runs the bench for so many events.
+    ///
+    /// # Panics
+    /// If there were fewer or more.
     pub fn run(&mut self, events: u64) {
         let span = (events * 1_000_000 / (self.seats * RATE)).micros();
+        let before = self.sent();
         self.bench.run_until(self.bench.now() + span);
+        assert!((self.sent() - before).abs_diff(events) <= self.seats, "{events} events");
+    }
+
+    /// Number of messages that the toys have sent.
+    fn sent(&self) -> u64 {
+        self.bench.own_messages(0, 0, None).last()
     }
 }
 

@@ -3,13 +3,17 @@
 //! valgrind counts instructions, bytes and allocations: it runs this program with two numbers of rounds, and the
 //! difference belongs to the rounds alone.
 
+use std::hint::black_box;
 use std::process::Command;
 
-use drivetwin_firmware::device::{Device, Port};
+use drivetwin_firmware::device::{Axis, Boot, Context, Device, Input, Instant, Output, Port};
+use drivetwin_firmware::md3::{self, Md3};
 use drivetwin_firmware::mdrive::Mdrive;
-use drivetwin_protocol::modbus::tcp;
+use drivetwin_firmware::motor::stepper::StepperParameters;
+use drivetwin_firmware::qsb::{self, Qsb};
+use drivetwin_protocol::modbus::{rtu, tcp};
 use drivetwin_protocol::time::Span;
-use drivetwin_sim::bench::{Bench, DriveId, Setup};
+use drivetwin_sim::bench::{Bench, DriveId, MotorModel, Setup};
 use drivetwin_sim::catalog;
 use drivetwin_sim::line::LineMode;
 use drivetwin_tests::busy::{Party, Toys};
@@ -25,9 +29,16 @@ struct Work {
     run: fn(u64),
 }
 
-const WORKS: [Work; 7] = [
+const WORKS: [Work; 10] = [
     Work { name: "event, 1 seat", rounds: [1_000, 11_000], run: |rounds| Toys::new(1).run(rounds) },
     Work { name: "event, 1,000 seats", rounds: [1_000, 11_000], run: |rounds| Toys::new(1_000).run(rounds) },
+    Work {
+        name: "event, 10,000 seats",
+        rounds: [1_000, 11_000],
+        run: |rounds| Toys::new(10_000).run(rounds),
+    },
+    Work { name: "edge from a motor to a counter", rounds: [1_000, 11_000], run: edges },
+    Work { name: "request to a drive alone", rounds: [100, 1_100], run: requests_alone },
     Work {
         name: "request, a drive on a line",
         rounds: [30, 130],
@@ -51,6 +62,61 @@ const WORKS: [Work; 7] = [
 fn add(bench: &mut Bench, name: &str, device: Box<dyn Device>) -> DriveId {
     let setup = Setup { boot_fast: true, ..Setup::default() };
     bench.add_with(name, device, setup).expect("the name is free")
+}
+
+/// Turns a stepper with an encoder, whose edges a QSB counts, for so many edges.
+fn edges(edges: u64) {
+    // 26,667 microsteps/s in 1/8 steps of a motor with 200 steps, and 1,000 cycles a turn.
+    const PER_SECOND: u64 = 66_667;
+    let mut bench = Bench::new();
+    let presets = vec![(md3::Reg::Speed as usize, 26_667), (md3::Reg::AccelDecel as usize, 100_000)];
+    let setup = Setup { boot_fast: true, presets, ..Setup::default() };
+    let md3 = bench.add_with("md3", Box::new(Md3::new()), setup).expect("the name is free");
+    let qsb = add(&mut bench, "qsb", Box::new(Qsb::m()));
+    let motor = bench
+        .attach_motor("m", md3, Axis(0), MotorModel::Stepper(StepperParameters::NOMINAL))
+        .expect("an MD3 turns steppers");
+    let to = ["A", "B", "I"].map(|name| bench.spec(qsb).pin(name).map(|pin| (qsb, pin)));
+    bench.encode(motor, 1_000, to);
+    let client = bench.connect_to(qsb, Port(0)).expect("a connection is free");
+    bench.run_until(100.millis());
+    // Quadrature x4: each edge of both channels counts.
+    bench.send(client, b"W033\r");
+    bench.poke(md3, md3::Reg::MotionControl as usize, md3::motion_control::JOG.into()).expect("a register");
+    bench.run_until(1.secs());
+    let count = |bench: &Bench| bench.peek(qsb, qsb::Reg::ReadEncoder as usize);
+    let before = count(&bench);
+    bench.run_until(bench.now() + (edges * 1_000_000 / PER_SECOND).micros());
+    assert!(count(&bench).abs_diff(before).abs_diff(edges) < 10, "the edges are counted");
+}
+
+/// Passes requests for ten registers to an MD3, without a bench.
+fn requests_alone(count: u64) {
+    struct Reply(usize);
+    impl Context for Reply {
+        fn put(&mut self, _at: Instant, output: Output<'_>) {
+            if let Output::Bytes { bytes, .. } = output {
+                self.0 = bytes.len();
+            }
+        }
+
+        fn memory(&self) -> &[u8] {
+            &[]
+        }
+    }
+    let (mut drive, mut out): (Box<dyn Device>, _) = (black_box(Box::new(Md3::new())), Reply(0));
+    drive.power_on(Instant::ZERO, Boot { fast: true, ..Boot::default() }, &mut out);
+    let request = rtu::read(1, 0x10, 10);
+    let mut at = Instant::from(1.secs());
+    for _ in 0..count {
+        out.0 = 0;
+        drive.input(at, Input::Bytes { port: Port(0), bytes: black_box(&request) }, &mut out);
+        let due = drive.deadline();
+        drive.timeout(due, &mut out);
+        // Address, function, count of bytes, ten words, CRC.
+        assert_eq!(out.0, 3 + 2 * 10 + 2);
+        at = due + 100.millis();
+    }
 }
 
 /// Sends messages to a port of an MDrive, each with an answer.
