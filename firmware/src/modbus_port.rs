@@ -8,9 +8,9 @@ use crate::device::{Context, Duration, Input, Instant, Line, LogEvent, Output, P
 /// A serial Modbus port. The drive passes it its [inputs](Self::input), and calls [`serve`](Self::serve) when a message
 /// [is over](Self::is_over).
 ///
-/// All drives with this port have two rules for what falls into one instant. What is due then, a message that is over
-/// included, comes before a [reception](is_reception). And a character whose last bit ends before the port receives is
-/// lost; after a start-up delay it receives from the tick after its end on.
+/// All drives with this port have two rules for what falls into one instant (MODBUS-7). What is due then, a message that is
+/// over included, comes before a [reception](is_reception). And a character whose last bit ends before the port receives
+/// is lost; after a start-up delay it receives from the tick after its end on.
 #[derive(Clone, Debug)]
 pub struct ModbusPort<R> {
     port: Port,

@@ -44,8 +44,7 @@ fn frames_are_3_5_characters_apart_and_a_tick_less_spoils_both() {
     }
 }
 
-/// The rule of [`ModbusPort`](crate::modbus_port::ModbusPort): what is due comes first, whatever tells that the request is
-/// over.
+/// What is due comes first, whatever tells that the request is over (MODBUS-7).
 #[test]
 fn a_move_that_is_asked_for_in_the_instant_in_which_the_last_one_ends_starts() {
     let next = Input::Bytes { port: Port(0), bytes: &[2] };

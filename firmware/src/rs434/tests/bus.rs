@@ -145,8 +145,7 @@ fn the_reply_leaves_after_the_silence() {
     assert_eq!(dut.out.noted(), [LogEvent::Request { port: Port(0), unit: 1, function: 3 }]);
 }
 
-/// The rule of [`ModbusPort`](crate::modbus_port::ModbusPort): what is due comes first, whatever tells that the request is
-/// over.
+/// What is due comes first, whatever tells that the request is over (MODBUS-7).
 #[test]
 fn a_contact_that_takes_effect_in_the_instant_of_a_request_is_read() {
     let next = Input::Bytes { port: Port(0), bytes: &[9] };
