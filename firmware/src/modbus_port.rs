@@ -63,7 +63,7 @@ impl<R: Receiver> ModbusPort<R> {
         match *input {
             Input::Bytes { port, bytes } if port == self.port => self.bytes(at, bytes, out),
             Input::RxError { port } if port == self.port && at >= self.receives_from => {
-                self.receiver.rx_error(at)
+                self.receiver.rx_error(at);
             }
             Input::Idle { port } => return port == self.port,
             _ => {}
