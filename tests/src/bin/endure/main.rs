@@ -22,14 +22,13 @@ mod wire;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use clock::Offset;
 use masters::Masters;
 use process::{Process, Resources};
-use tally::{Counts, Gate, Tally};
+use tally::{Counts, Gate, Ports, Tally};
 
 /// Most memory that the process may gain between the beginning and the end. An hour of 10,000 requests per second has
 /// 36 million of them, so a leak of a byte in eight requests is found. Journals of frames that were corrupt or for no
@@ -62,7 +61,10 @@ struct Sample {
     at: Instant,
     resources: Resources,
     offset: Offset,
+    /// Counts since the start.
     counts: Counts,
+    /// Counts of each port since the sample before, or the start.
+    ports: Ports,
 }
 
 /// Options of the command line.
@@ -121,7 +123,8 @@ fn run(options: &Options) -> Result<Vec<String>, String> {
     let masters = Masters::start(&process.ready, &tally, &gate, &actions);
     let start = now();
     let rate = options.rate.into();
-    let mut run = Run { process, tally, gate, actions, masters, rate, start, minute: 0, last: (start, 0) };
+    let (minute, last, ports) = (0, (start, 0), Ports::new());
+    let mut run = Run { process, tally, gate, actions, masters, rate, start, minute, last, ports };
 
     let minutes = options.span.as_secs() / 60;
     println!("warm-up, until each drive has got {MESSAGES} messages; then {minutes} minutes");
@@ -140,7 +143,7 @@ fn run(options: &Options) -> Result<Vec<String>, String> {
             options.rate
         );
     }
-    Ok(run.sentences(&beginning, &[&middle, &end]))
+    Ok(run.sentences(&[&beginning, &middle, &end]))
 }
 
 /// A run of the bench under its masters.
@@ -157,6 +160,8 @@ struct Run {
     /// The last minute about which a line is printed, its end, and the right replies until then.
     minute: u64,
     last: (Instant, u64),
+    /// Counts of each port at the last sample.
+    ports: Ports,
 }
 
 impl Run {
@@ -236,7 +241,12 @@ impl Run {
         }
         let resources = self.process.resources()?;
         let offset = Offset::measure(&self.process.ready.control(), self.start)?;
-        Ok(Sample { name, at: now(), resources, offset, counts: self.tally.counts() })
+        let before = std::mem::replace(&mut self.ports, self.tally.ports());
+        let since = |(port, counts): (&&'static str, &Counts)| {
+            (*port, counts.since(before.get(port).copied().unwrap_or_default()))
+        };
+        let ports = self.ports.iter().map(since).collect();
+        Ok(Sample { name, at: now(), resources, offset, counts: self.tally.counts(), ports })
     }
 
     /// Prints the table of the measurements.
@@ -271,21 +281,17 @@ impl Run {
             "\n{:<18}{:>18}{:>18}{:>18}{:>18}",
             "port", "answered", "lost by faults", "expected", "without power"
         );
-        for (name, line) in self.tally.lines() {
-            let [right, faulty, powerless] =
-                [&line.right, &line.faulty, &line.powerless].map(|count| count.load(Ordering::Relaxed));
+        for (name, Counts { right, faulty, powerless, .. }) in self.tally.ports() {
             let expected = layout::fault_share(name) * (right + faulty) as f64;
             println!("{name:<18}{right:>18}{faulty:>18}{expected:>18.0}{powerless:>18}");
         }
     }
 
     /// A sentence for each thing that does not hold.
-    fn sentences(&self, beginning: &Sample, later: &[&Sample; 2]) -> Vec<String> {
+    fn sentences(&self, samples: &[&Sample; 3]) -> Vec<String> {
+        let [beginning, later @ ..] = samples;
         let mut sentences: Vec<String> = later.iter().flat_map(|sample| grown(beginning, sample)).collect();
-        for (name, line) in self.tally.lines() {
-            let [right, faulty] = [&line.right, &line.faulty].map(|count| count.load(Ordering::Relaxed));
-            sentences.extend(implausible(name, faulty, right + faulty));
-        }
+        sentences.extend(samples.iter().flat_map(|sample| implausible(sample)));
         let wrong = self.tally.counts().wrong;
         if wrong > 0 {
             sentences.push(format!(
@@ -321,14 +327,18 @@ fn grown(beginning: &Sample, later: &Sample) -> Vec<String> {
     sentences
 }
 
-/// A sentence if the number of faults among `exchanges` is not plausible.
-fn implausible(port: &str, faulty: u64, exchanges: u64) -> Option<String> {
-    let expected = layout::fault_share(port) * exchanges as f64;
-    let allowed = FAULTS.0 * expected + FAULTS.1 * expected.sqrt();
-    let is_plausible = (faulty as f64 - expected).abs() <= allowed;
-    (!is_plausible).then(|| {
-        format!("{port}: {faulty} of {exchanges} requests were lost by faults; {expected:.0} ± {allowed:.0} is plausible")
-    })
+/// A sentence for each port whose number of faults since the sample before is not plausible.
+fn implausible(sample: &Sample) -> Vec<String> {
+    let sentence = |(port, &Counts { right, faulty, .. }): (&&str, &Counts)| {
+        let (name, exchanges) = (sample.name, right + faulty);
+        let expected = layout::fault_share(port) * exchanges as f64;
+        let allowed = FAULTS.0 * expected + FAULTS.1 * expected.sqrt();
+        let is_plausible = (faulty as f64 - expected).abs() <= allowed;
+        (!is_plausible).then(|| {
+            format!("{port}: before the {name}, {faulty} of {exchanges} requests were lost by faults; {expected:.0} ± {allowed:.0} is plausible")
+        })
+    };
+    sample.ports.iter().filter_map(sentence).collect()
 }
 
 #[cfg(test)]
@@ -338,7 +348,8 @@ mod tests {
     fn sample(resident_kib: u64, handles: usize, milliseconds: f64) -> Sample {
         let resources = Resources { resident_kib, peak_kib: resident_kib, handles, threads: 3 };
         let offset = Offset::new(milliseconds / 1e3 - 1e-4, milliseconds / 1e3 + 1e-4);
-        Sample { name: "end", at: now(), resources, offset, counts: Counts::default() }
+        let (counts, ports) = (Counts::default(), Ports::new());
+        Sample { name: "end", at: now(), resources, offset, counts, ports }
     }
 
     #[test]
@@ -355,8 +366,14 @@ mod tests {
     #[test]
     fn more_faults_or_fewer_than_expected_fail() {
         // 90 of 10,000 are expected at this port: 900 ± 360.
-        assert_eq!([541, 1_259].map(|faulty| implausible("bad", faulty, 100_000)), [None, None]);
-        assert!(implausible("bad", 539, 100_000).is_some() && implausible("bad", 1_261, 100_000).is_some());
-        assert!(implausible("shared", 1, 100_000).is_some());
+        let is_plausible = |port, faulty| {
+            let counts = Counts { right: 100_000 - faulty, faulty, ..Counts::default() };
+            implausible(&Sample { ports: Ports::from([(port, counts)]), ..sample(0, 0, 0.0) }).is_empty()
+        };
+        assert_eq!(
+            [539, 541, 1_259, 1_261].map(|faulty| is_plausible("bad", faulty)),
+            [false, true, true, false]
+        );
+        assert!(is_plausible("shared", 0) && !is_plausible("shared", 1));
     }
 }

@@ -30,14 +30,30 @@ pub(crate) struct Line {
     pub(crate) powerless: AtomicU64,
 }
 
-/// Sums of the counts.
+/// Counts of a port, or sums of all ports.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Counts {
     pub(crate) right: u64,
     pub(crate) faulty: u64,
     pub(crate) powerless: u64,
+    /// Zero for a port.
     pub(crate) wrong: u64,
 }
+
+impl Counts {
+    /// The counts since those of `before`.
+    pub(crate) fn since(self, before: Self) -> Self {
+        Self {
+            right: self.right - before.right,
+            faulty: self.faulty - before.faulty,
+            powerless: self.powerless - before.powerless,
+            wrong: self.wrong - before.wrong,
+        }
+    }
+}
+
+/// Name of each port, with its counts.
+pub(crate) type Ports = BTreeMap<&'static str, Counts>;
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -68,18 +84,23 @@ impl Tally {
         }
     }
 
-    /// Each port's name with its counts.
-    pub(crate) fn lines(&self) -> Vec<(&'static str, &'static Line)> {
-        lock(&self.lines).iter().map(|(name, line)| (*name, *line)).collect()
+    /// The counts of each port.
+    pub(crate) fn ports(&self) -> Ports {
+        let counts = |line: &Line| {
+            let [right, faulty, powerless] =
+                [&line.right, &line.faulty, &line.powerless].map(|count| count.load(Ordering::Relaxed));
+            Counts { right, faulty, powerless, wrong: 0 }
+        };
+        lock(&self.lines).iter().map(|(name, line)| (*name, counts(line))).collect()
     }
 
     /// The sums.
     pub(crate) fn counts(&self) -> Counts {
         let mut counts = Counts { wrong: self.wrong.load(Ordering::Relaxed), ..Counts::default() };
-        for (_, line) in self.lines() {
-            counts.right += line.right.load(Ordering::Relaxed);
-            counts.faulty += line.faulty.load(Ordering::Relaxed);
-            counts.powerless += line.powerless.load(Ordering::Relaxed);
+        for port in self.ports().values() {
+            counts.right += port.right;
+            counts.faulty += port.faulty;
+            counts.powerless += port.powerless;
         }
         counts
     }
