@@ -165,6 +165,11 @@ pub(crate) fn fault_share(port: &str) -> f64 {
     rates.fold(0.0, |sum, (fault, rate)| sum + if ONE_WAY.contains(fault) { *rate } else { 2.0 * rate })
 }
 
+/// Returns true for a port whose masters fill up the rate.
+pub(crate) fn fills_up(port: &str) -> bool {
+    PLANS.iter().any(|plan| plan.port == port && plan.is_modbus_tcp())
+}
+
 /// A port, and the masters at it.
 pub(crate) struct Plan {
     /// Name of the port, as of a fault.

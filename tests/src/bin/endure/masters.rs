@@ -95,10 +95,11 @@ struct Seat {
     wire: Option<Wire>,
     talks: Vec<Talk>,
     turn: usize,
-    /// What is under way: the right reply, the value after it, and the state of the power before.
+    /// What is under way: the right reply, the value after it, the state of the power before, and the time of sending.
     exchange: Exchange,
     next_value: u32,
     power: u64,
+    sent: Instant,
     received: Vec<u8>,
 }
 
@@ -135,7 +136,8 @@ impl Master {
             };
             let talks = plan.talks.iter().map(talk).collect();
             let exchange = Exchange { request: Vec::new(), reply: Vec::new() };
-            Seat { wire: None, talks, turn: 0, exchange, next_value: 0, power: 0, received: Vec::new() }
+            let (next_value, power, sent, received) = (0, 0, now(), Vec::new());
+            Seat { wire: None, talks, turn: 0, exchange, next_value, power, sent, received }
         };
         Self {
             plan,
@@ -258,6 +260,7 @@ impl Master {
         let power = self.power_of(drive);
         let seat = &mut self.seats[index];
         seat.power = power;
+        seat.sent = now();
         if let Some(wire) = &mut seat.wire
             && wire.send(&seat.exchange.request).is_err()
         {
@@ -280,7 +283,7 @@ impl Master {
         if result.is_ok() && seat.received == *reply {
             talk.value = Some(seat.next_value);
             talk.lost = 0;
-            self.line.right.fetch_add(1, Ordering::Relaxed);
+            self.line.answered(seat.sent);
             return;
         }
         talk.value = None;

@@ -10,6 +10,7 @@ use crate::control::Control;
 use crate::dialect::{Dialect, Exchange};
 use crate::layout::POWER_FAILS;
 use crate::masters::Power;
+use crate::now;
 use crate::process::Ready;
 use crate::tally::{Gate, Tally};
 use crate::wire::Wire;
@@ -113,12 +114,12 @@ fn visit(control: &Control, places: &[String; 2], tally: &Tally) -> Result<(), S
     let line = tally.line("visitors");
     for (number, wire) in visitors.iter_mut().enumerate() {
         let Exchange { request, reply } = Dialect::TcpConstant.read(number as u16, 768_000);
-        let mut received = Vec::new();
+        let (mut received, sent) = (Vec::new(), now());
         let result = wire.send(&request).and_then(|()| wire.receive(reply.len(), PATIENCE, &mut received));
         if result.is_err() || received != reply {
             return Err(format!("a visitor of plus2.modbus has got {received:02X?} instead of {reply:02X?}"));
         }
-        line.right.fetch_add(1, Ordering::Relaxed);
+        line.answered(sent);
     }
     for path in PAGES {
         control.expect("GET", path, "")?;

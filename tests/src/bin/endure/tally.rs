@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use crate::now;
 
 /// Most sentences about wrong replies that are printed.
 const SENTENCES: u64 = 20;
@@ -28,6 +30,17 @@ pub(crate) struct Line {
     pub(crate) faulty: AtomicU64,
     /// Exchanges with a drive that had no power or was starting.
     pub(crate) powerless: AtomicU64,
+    /// Longest time from a request to its right reply, in microseconds. If the port has several connections, it contains the
+    /// wait for the replies to the others.
+    longest: AtomicU64,
+}
+
+impl Line {
+    /// Counts a right reply to a request that was sent at `sent`.
+    pub(crate) fn answered(&self, sent: Instant) {
+        self.right.fetch_add(1, Ordering::Relaxed);
+        self.longest.fetch_max((now() - sent).as_micros() as u64, Ordering::Relaxed);
+    }
 }
 
 /// Counts of a port, or sums of all ports.
@@ -38,6 +51,8 @@ pub(crate) struct Counts {
     pub(crate) powerless: u64,
     /// Zero for a port.
     pub(crate) wrong: u64,
+    /// Longest time from a request to its right reply since the start, in microseconds.
+    pub(crate) longest: u64,
 }
 
 impl Counts {
@@ -48,6 +63,7 @@ impl Counts {
             faulty: self.faulty - before.faulty,
             powerless: self.powerless - before.powerless,
             wrong: self.wrong - before.wrong,
+            longest: self.longest,
         }
     }
 }
@@ -87,9 +103,10 @@ impl Tally {
     /// The counts of each port.
     pub(crate) fn ports(&self) -> Ports {
         let counts = |line: &Line| {
-            let [right, faulty, powerless] =
-                [&line.right, &line.faulty, &line.powerless].map(|count| count.load(Ordering::Relaxed));
-            Counts { right, faulty, powerless, wrong: 0 }
+            let [right, faulty, powerless, longest] =
+                [&line.right, &line.faulty, &line.powerless, &line.longest]
+                    .map(|count| count.load(Ordering::Relaxed));
+            Counts { right, faulty, powerless, wrong: 0, longest }
         };
         lock(&self.lines).iter().map(|(name, line)| (*name, counts(line))).collect()
     }
@@ -101,6 +118,7 @@ impl Tally {
             counts.right += port.right;
             counts.faulty += port.faulty;
             counts.powerless += port.powerless;
+            counts.longest = counts.longest.max(port.longest);
         }
         counts
     }
