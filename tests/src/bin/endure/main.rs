@@ -35,7 +35,8 @@ use tally::{Counts, Gate, Ports, Tally};
 /// drive are not full after the warm-up, and may gain 2 MiB.
 const GROWTH_KIB: u64 = 4 << 10;
 
-/// Greatest difference between the clock of the bench and that of the computer, beyond the error of the measurement.
+/// Greatest difference between the clock of the bench and that of the computer, beyond the error of the measurement. Both
+/// are read at rest, while all masters wait.
 const CLOCK: Duration = Duration::from_millis(1);
 
 /// Shortest warm-up: the trace of 64 MiB is full long before.
@@ -268,7 +269,7 @@ impl Run {
     fn print(&self, samples: &[&Sample; 3]) {
         let row = |name: &str, value: &dyn Fn(&Sample) -> String| {
             let values: Vec<String> = samples.iter().map(|sample| format!("{:>18}", value(sample))).collect();
-            println!("{name:<34}{}", values.concat());
+            println!("{name:<38}{}", values.concat());
         };
         let beginning = samples[0];
         let mib = |kib: u64| format!("{:.2} MiB", kib as f64 / 1024.0);
@@ -279,7 +280,7 @@ impl Run {
         row("its peak", &|it| mib(it.resources.peak_kib));
         row("open handles", &|it| it.resources.handles.to_string());
         row("threads", &|it| it.resources.threads.to_string());
-        row("clock of the bench is ahead by", &|it| {
+        row("clock of the bench at rest is ahead by", &|it| {
             let (difference, error) = it.offset.since(beginning.offset);
             format!("{:.3} ± {:.3} ms", 1e3 * difference, 1e3 * error)
         });
@@ -335,7 +336,7 @@ fn grown(beginning: &Sample, later: &Sample) -> Vec<String> {
     let off = offset.at_least_since(beginning.offset);
     if off > CLOCK {
         sentences.push(format!(
-            "the clock of the bench is off by {off:?} at the {name}; at most {CLOCK:?} are allowed"
+            "the clock of the bench, at rest, is off by {off:?} at the {name}; at most {CLOCK:?} are allowed"
         ));
     }
     sentences
@@ -411,7 +412,7 @@ mod tests {
         // Each offset has an error of 0.1 ms, so a difference of 1.25 ms is at least 1.05 ms.
         let sentences = grown(&beginning, &sample(104_097, 111, 21.25));
         assert_eq!(sentences.len(), 3, "{sentences:?}");
-        assert!(sentences[2].starts_with("the clock of the bench is off by 1.05"), "{sentences:?}");
+        assert!(sentences[2].starts_with("the clock of the bench, at rest, is off by 1.05"), "{sentences:?}");
         assert_eq!(grown(&beginning, &sample(90_000, 109, 18.7)).len(), 2);
     }
 
