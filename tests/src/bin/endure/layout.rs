@@ -3,13 +3,14 @@
 use crate::dialect::{Dialect, MDROBOT, R1, md3, rs};
 
 /// The bench file. 0x25 is 115,200 8E1 of an MD3 (7.22), the factory's settings of an RS drive. Code 5 is 115,200 baud of
-/// an MDROBOT. Drives whose power fails have their start-up delay.
+/// an MDROBOT. Drives whose power fails have their start-up delay. Visitors open all ports of `step`.
 const BENCH: &str = r#"
 [[drive]]
 name = "step"
 kind = "md3"
 fast_boot = true
 set = { SerialPortConfiguration = 0x25 }
+listen = ["tcp:127.0.0.1:0", "pty:", "rfc2217:127.0.0.1:0"]
 [[motor]]
 name = "shaft"
 drive = "step"
