@@ -39,7 +39,7 @@ const GROWTH_KIB: u64 = 4 << 10;
 /// are read at rest, while all masters wait.
 const CLOCK: Duration = Duration::from_millis(1);
 
-/// Shortest warm-up: the trace of 64 MiB is full long before.
+/// Shortest warm-up: the trace and the frames on the wires, 64 MiB each, are full before each drive has got its messages.
 const WARM_UP: Duration = Duration::from_secs(60);
 /// Longest warm-up.
 const LONGEST_WARM_UP: Duration = Duration::from_secs(900);
