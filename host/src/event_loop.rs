@@ -21,6 +21,7 @@ use tracing::{Level, enabled, error, info, warn};
 
 use crate::clock::{Clock, wall};
 use crate::live_file::LiveFile;
+use crate::milestones::Milestones;
 use crate::ports::Ports;
 use crate::streams::Streams;
 
@@ -186,23 +187,6 @@ pub(crate) struct EventLoop {
     logged_starting: u64,
     /// The warnings of such requests to each drive.
     starting: HashMap<DriveId, Milestones>,
-}
-
-/// The counts that the log shows of what happens again and again: the first one, and again at each power of ten.
-#[derive(Default)]
-struct Milestones {
-    next: u64,
-}
-
-impl Milestones {
-    /// Returns true if the log shows this count.
-    fn is_reached(&mut self, count: u64) -> bool {
-        let is_reached = count > 0 && count >= self.next;
-        if is_reached {
-            self.next = 10_u64.saturating_pow(count.ilog10() + 1);
-        }
-        is_reached
-    }
 }
 
 impl EventLoop {
@@ -606,18 +590,6 @@ mod tests {
     use std::net::TcpStream;
 
     use super::*;
-
-    #[test]
-    fn the_log_shows_the_first_count_and_powers_of_ten() {
-        let mut milestones = Milestones::default();
-        let shown: Vec<u64> = (0..=1_000).filter(|&count| milestones.is_reached(count)).collect();
-        assert_eq!(shown, [1, 10, 100, 1_000]);
-        // A count that jumps is shown where it lands.
-        assert_eq!(
-            [9_999, 10_500, 99_999, 250_000].map(|count| milestones.is_reached(count)),
-            [false, true, false, true]
-        );
-    }
 
     /// Serves a QSB that streams all the time to `talk`, in real time. Returns the number of queries that the thread of
     /// the bench has executed, and the time.

@@ -44,6 +44,7 @@ mod clock;
 mod event_loop;
 mod lender;
 mod live_file;
+mod milestones;
 mod nv_file;
 pub mod options;
 mod output_file;

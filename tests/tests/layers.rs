@@ -32,9 +32,10 @@ const HAL_SIM: [&str; 20] = [
 const PANEL: [&str; 7] = ["units", "faults", "schema", "requests", "describe", "page", "live"];
 
 /// Modules of `host/src`, lowest first.
-const HOST: [&str; 15] = [
+const HOST: [&str; 16] = [
     "options",
     "clock",
+    "milestones",
     "rs_programs",
     "nv_file",
     "output_file",

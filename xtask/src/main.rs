@@ -53,7 +53,8 @@ usage: cargo xtask <command>
   check   run one check by its name in the summary: `check clippy`
   docs    write the generated references in docs/
   endure  run a bench with drives of every kind for an hour under 10,000 requests/s, with faults; fail if memory or
-          handles grow, the clock is off, or a reply is wrong: `endure --hours 2`, `--minutes 10`, `--rate 5000`
+          handles grow, the clock at rest is off, a reply is wrong, or the load is not reached: `endure --hours 2`,
+          `--minutes 10`, `--rate 5000`
   pico    run a drive on an emulated Raspberry Pi Pico, its serial line on a TCP port: `pico md3`; with the
           ports of its USB cable on two more: `pico md3 --usb`
   qemu    run a drive on an LM3S6965 board under QEMU, its serial line on a TCP port: `qemu md3`

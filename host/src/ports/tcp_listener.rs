@@ -20,6 +20,7 @@ use super::unread::{Unread, share_mib};
 use super::web::{BrowserCheck, Verdict};
 use super::{BACKLOG_BYTES, Endpoint, ROOM, ReadResult, interest, may_read, note_arrival, read_some};
 use crate::clock::Clock;
+use crate::milestones::Milestones;
 
 /// Interval at which a connection is polled after its client has sent everything, until the client leaves.
 const POLL_INTERVAL: Duration = Duration::from_secs(1);
@@ -112,8 +113,9 @@ pub(super) struct Listener {
     site: Rc<Site>,
     /// True while a connection waits because the system has no room for it.
     crowded: bool,
-    /// True after a refusal was logged, until a connection is accepted.
-    is_refusing: bool,
+    /// Number of connections that were refused, and those that the log shows.
+    refused: u64,
+    refused_logged: Milestones,
 }
 
 /// What a listener and its connections share.
@@ -184,7 +186,8 @@ impl Listener {
         let address = socket.local_addr()?.to_string();
         let uri = if com_port.is_some() { Uri::Rfc2217(address) } else { Uri::Tcp(address) }.to_string();
         let site = Rc::new(Site::new(uri));
-        Ok(Self { socket, outlet, com_port, site, crowded: false, is_refusing: false })
+        let (refused, refused_logged) = (0, Milestones::default());
+        Ok(Self { socket, outlet, com_port, site, crowded: false, refused, refused_logged })
     }
 
     /// URI of the listener.
@@ -223,7 +226,7 @@ impl Listener {
             };
             self.crowded = false;
             if Rc::strong_count(&self.site) > MOST_CONNECTIONS {
-                self.refuse(peer, ConnectError::Full);
+                self.log_refusal(peer, ConnectError::Full);
                 continue;
             }
             let prepared = stream.set_nonblocking(true).and_then(|()| stream.set_nodelay(true));
@@ -234,12 +237,11 @@ impl Listener {
             let client = match bench.join(self.outlet) {
                 Ok(client) => client,
                 Err(why) => {
-                    self.refuse(peer, why);
+                    self.log_refusal(peer, why);
                     continue;
                 }
             };
             info!("{peer} connects to {}", self.uri());
-            self.is_refusing = false;
             return Ok(Some(Connection {
                 stream,
                 peer,
@@ -256,15 +258,21 @@ impl Listener {
         }
     }
 
-    /// Logs a refusal. Further refusals are not logged until a connection is accepted, because many clients
-    /// try again and again.
-    fn refuse(&mut self, peer: SocketAddr, why: ConnectError) {
-        if !std::mem::replace(&mut self.is_refusing, true) {
-            warn!(
-                "{peer} is refused at {}, like all further connections until one is accepted: {why}",
-                self.uri()
-            );
+    /// Warns of the first refusal, and again at each power of ten, because many clients try again and again.
+    fn log_refusal(&mut self, peer: SocketAddr, why: ConnectError) {
+        if let Some(times) = self.count_refusal() {
+            warn!("{peer} is refused at {}: {why}{times}", self.uri());
         }
+    }
+
+    /// Counts a refusal. If the log shows it, returns what the log says about the count.
+    fn count_refusal(&mut self) -> Option<String> {
+        self.refused += 1;
+        let times = || match self.refused {
+            1 => String::new(),
+            count => format!(", {count} times so far"),
+        };
+        self.refused_logged.is_reached(self.refused).then(times)
     }
 }
 
@@ -466,6 +474,20 @@ mod tests {
         let _others: Vec<Rc<Site>> = (1..64).map(|_| Rc::clone(&listener.site)).collect();
         connection.deliver(&mut bench);
         assert!(connection.over);
+    }
+
+    #[test]
+    fn a_client_that_tries_again_and_again_is_logged_at_powers_of_ten() {
+        let (mut bench, mut listener, connection, _far) = connected(MODBUS);
+        let shown: Vec<String> = (0..20)
+            .filter_map(|_| {
+                // A connection that is accepted between two refusals changes nothing.
+                let _far = TcpStream::connect(connection.stream.local_addr().unwrap()).unwrap();
+                while listener.accept(&mut bench).unwrap().is_none() {}
+                listener.count_refusal()
+            })
+            .collect();
+        assert_eq!(shown, ["", ", 10 times so far"]);
     }
 
     #[test]

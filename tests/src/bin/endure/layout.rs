@@ -3,13 +3,14 @@
 use crate::dialect::{Dialect, MDROBOT, R1, md3, rs};
 
 /// The bench file. 0x25 is 115,200 8E1 of an MD3 (7.22), the factory's settings of an RS drive. Code 5 is 115,200 baud of
-/// an MDROBOT. Drives whose power fails have their start-up delay.
+/// an MDROBOT. Drives whose power fails have their start-up delay. Visitors open all ports of `step`.
 const BENCH: &str = r#"
 [[drive]]
 name = "step"
 kind = "md3"
 fast_boot = true
 set = { SerialPortConfiguration = 0x25 }
+listen = ["tcp:127.0.0.1:0", "pty:", "rfc2217:127.0.0.1:0"]
 [[motor]]
 name = "shaft"
 drive = "step"
@@ -163,6 +164,11 @@ pub(crate) fn text() -> String {
 pub(crate) fn fault_share(port: &str) -> f64 {
     let rates = FAULTS.iter().filter(|(name, _)| *name == port).flat_map(|(_, rates)| *rates);
     rates.fold(0.0, |sum, (fault, rate)| sum + if ONE_WAY.contains(fault) { *rate } else { 2.0 * rate })
+}
+
+/// Returns true for a port whose masters fill up the rate.
+pub(crate) fn fills_up(port: &str) -> bool {
+    PLANS.iter().any(|plan| plan.port == port && plan.is_modbus_tcp())
 }
 
 /// A port, and the masters at it.

@@ -24,6 +24,9 @@ const SILENCE: Duration = Duration::from_millis(2);
 const AGAIN: Duration = Duration::from_millis(50);
 /// Each request with a number that this divides is a write.
 const CYCLE: u32 = 4;
+/// Exchanges in a row without a right reply after which a drive on a port with faults is dead. A fault strikes one in a
+/// hundred.
+const TRIES: u32 = 20;
 /// Longest time that a late master makes up.
 const LATE: Duration = Duration::from_secs(1);
 
@@ -83,6 +86,8 @@ struct Talk {
     /// The value; `None` if a write may not have arrived.
     value: Option<u32>,
     number: u32,
+    /// Number of exchanges since the last right reply; those without power count as one.
+    lost: u32,
 }
 
 /// A connection with the requests in turn.
@@ -90,10 +95,11 @@ struct Seat {
     wire: Option<Wire>,
     talks: Vec<Talk>,
     turn: usize,
-    /// What is under way: the right reply, the value after it, and the state of the power before.
+    /// What is under way: the right reply, the value after it, the state of the power before, and the time of sending.
     exchange: Exchange,
     next_value: u32,
     power: u64,
+    sent: Instant,
     received: Vec<u8>,
 }
 
@@ -126,10 +132,12 @@ impl Master {
                 messages: tally.drive(drive),
                 value: None,
                 number: 0,
+                lost: 0,
             };
             let talks = plan.talks.iter().map(talk).collect();
             let exchange = Exchange { request: Vec::new(), reply: Vec::new() };
-            Seat { wire: None, talks, turn: 0, exchange, next_value: 0, power: 0, received: Vec::new() }
+            let (next_value, power, sent, received) = (0, 0, now(), Vec::new());
+            Seat { wire: None, talks, turn: 0, exchange, next_value, power, sent, received }
         };
         Self {
             plan,
@@ -148,18 +156,32 @@ impl Master {
     fn run(&mut self) {
         loop {
             if self.gate.is_closed() {
+                self.ask_lost();
                 self.probe();
                 self.open_all();
                 self.gate.pass();
                 self.next = now();
             }
-            self.keep_pace();
-            for index in 0..self.seats.len() {
-                self.send(index);
-            }
-            for index in 0..self.seats.len() {
-                self.receive(index);
-            }
+            self.round();
+        }
+    }
+
+    /// Makes the next exchange of each connection.
+    fn round(&mut self) {
+        self.keep_pace();
+        for index in 0..self.seats.len() {
+            self.send(index);
+        }
+        for index in 0..self.seats.len() {
+            self.receive(index);
+        }
+    }
+
+    /// Goes on until the last reply of each drive is right, or the drive is dead. All drives have power.
+    fn ask_lost(&mut self) {
+        let is_lost = |talk: &Talk| (1..TRIES).contains(&talk.lost);
+        while self.seats.iter().flat_map(|seat| &seat.talks).any(is_lost) {
+            self.round();
         }
     }
 
@@ -238,6 +260,7 @@ impl Master {
         let power = self.power_of(drive);
         let seat = &mut self.seats[index];
         seat.power = power;
+        seat.sent = now();
         if let Some(wire) = &mut seat.wire
             && wire.send(&seat.exchange.request).is_err()
         {
@@ -259,17 +282,27 @@ impl Master {
         talk.messages.fetch_add(1, Ordering::Relaxed);
         if result.is_ok() && seat.received == *reply {
             talk.value = Some(seat.next_value);
-            self.line.right.fetch_add(1, Ordering::Relaxed);
+            talk.lost = 0;
+            self.line.answered(seat.sent);
             return;
         }
         talk.value = None;
         let (drive, dialect, power) = (talk.drive, talk.dialect, seat.power);
         let after = self.power_of(drive);
         let seat = &mut self.seats[index];
+        let lost = &mut seat.talks[seat.turn].lost;
         if power % 2 == 1 || power != after {
             self.line.powerless.fetch_add(1, Ordering::Relaxed);
+            *lost = 1;
         } else if self.is_faulty {
             self.line.faulty.fetch_add(1, Ordering::Relaxed);
+            *lost += 1;
+            if *lost == TRIES {
+                let port = self.plan.port;
+                self.tally.wrong(&format!(
+                    "{port}: {drive} has power, but no right reply to {TRIES} requests in a row"
+                ));
+            }
         } else {
             let how = match result {
                 Ok(()) => "a wrong reply",
@@ -301,5 +334,32 @@ fn recover(seat: &mut Seat, dialect: Dialect, is_closed: bool) {
         if ended.and_then(|()| wire.drain()).is_err() {
             seat.wire = None;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+
+    use super::*;
+
+    #[test]
+    fn a_drive_with_faults_that_never_replies_is_wrong() {
+        let plan = PLANS.iter().find(|plan| plan.port == "f3.rs485").unwrap();
+        let nobody = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+        let master = |state| {
+            let (tally, gate) = (Arc::new(Tally::default()), Arc::new(Gate::default()));
+            let power = Arc::new(Power::from([("f3", AtomicU64::new(state))]));
+            Master::new(plan, format!("tcp:{nobody}"), None, (&tally, &gate, &power))
+        };
+        let mut on = master(2);
+        on.round();
+        assert_eq!(on.tally.counts().wrong, 0);
+        on.ask_lost();
+        let counts = on.tally.counts();
+        assert_eq!((counts.faulty, counts.wrong), (u64::from(TRIES), 1));
+        let mut off = master(1);
+        (0..=TRIES).for_each(|_| off.round());
+        assert_eq!((off.tally.counts().powerless, off.tally.counts().wrong), (u64::from(TRIES) + 1, 0));
     }
 }

@@ -3,10 +3,16 @@
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use std::sync::mpsc;
+use std::thread;
+use std::time::Duration;
 
 use crate::control::Control;
 
-/// The running bench. It is ended when this is dropped.
+/// Longest wait for the line that says where the ports are.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+/// The running bench. It is ended when this is dropped, and by the system when this program ends in any other way.
 pub(crate) struct Process {
     child: Child,
     /// The line of JSON that says where its ports are.
@@ -50,18 +56,28 @@ impl Process {
         let file = std::env::temp_dir().join(format!("drivetwin-endure-{}.toml", std::process::id()));
         std::fs::write(&file, text)
             .map_err(|error| format!("{} cannot be written: {error}", file.display()))?;
-        let child =
-            Command::new(drivetwin).arg("run").arg(&file).arg("--json").stdout(Stdio::piped()).spawn();
-        let mut child =
-            child.map_err(|error| format!("{} cannot be started: {error}", drivetwin.display()))?;
-        let mut ready = String::new();
+        // A program of util-linux, which the bench then replaces.
+        let mut command = Command::new("setpriv");
+        command.args(["--pdeathsig", "KILL"]).arg(drivetwin).arg("run").arg(&file).arg("--json");
+        let mut child = command
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|error| format!("setpriv, which starts drivetwin, cannot be started: {error}"))?;
+        let (line, ready) = mpsc::channel();
         if let Some(stdout) = child.stdout.take() {
-            let _ = BufReader::new(stdout).read_line(&mut ready);
+            thread::spawn(move || {
+                let mut text = String::new();
+                let _ = BufReader::new(stdout).read_line(&mut text);
+                let _ = line.send(text);
+            });
         }
+        let mut process = Self { child, ready: Ready(String::new()) };
+        process.ready.0 = ready.recv_timeout(PATIENCE).unwrap_or_default();
         let _ = std::fs::remove_file(&file);
-        let process = Self { child, ready: Ready(ready) };
         if process.ready.control().0.is_empty() {
-            Err("drivetwin has not started".into())
+            Err(format!(
+                "drivetwin has not said where its ports are within {PATIENCE:?}, or has ended before"
+            ))
         } else {
             Ok(process)
         }

@@ -1,6 +1,7 @@
 //! Actions from outside: power, pins, encoders, motion; connections and readers that come and go.
 
 use std::io::Read as _;
+use std::net::TcpStream;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::thread;
@@ -10,6 +11,7 @@ use crate::control::Control;
 use crate::dialect::{Dialect, Exchange};
 use crate::layout::POWER_FAILS;
 use crate::masters::Power;
+use crate::now;
 use crate::process::Ready;
 use crate::tally::{Gate, Tally};
 use crate::wire::Wire;
@@ -70,7 +72,7 @@ pub(crate) fn start(ready: &Ready, tally: &Arc<Tally>, gate: &Arc<Gate>, power: 
             }
         });
     }
-    let places = ["plus2", "step"].map(|name| ready.places(name).swap_remove(0));
+    let places = ["plus2", "step"].map(|name| ready.places(name));
     let (tally, gate) = (Arc::clone(tally), Arc::clone(gate));
     thread::spawn(move || {
         loop {
@@ -105,34 +107,60 @@ fn act(control: &Control, power: &Power, turn: usize) -> Result<(), String> {
 }
 
 /// Opens connections and streams, reads from each of them, and closes them.
-fn visit(control: &Control, places: &[String; 2], tally: &Tally) -> Result<(), String> {
+fn visit(control: &Control, [asked, silent]: &[Vec<String>; 2], tally: &Tally) -> Result<(), String> {
     let open =
         |place: &String| Wire::open(place).map_err(|error| format!("{place} takes no connection: {error}"));
-    let mut visitors = (0..VISITORS).map(|_| open(&places[0])).collect::<Result<Vec<Wire>, String>>()?;
-    let _silent = open(&places[1])?;
+    let mut visitors = (0..VISITORS).map(|_| open(&asked[0])).collect::<Result<Vec<Wire>, String>>()?;
+    // A raw TCP port, a pty and a remote serial port (RFC 2217) of one line.
+    let _silent = silent.iter().map(open).collect::<Result<Vec<Wire>, String>>()?;
     let line = tally.line("visitors");
     for (number, wire) in visitors.iter_mut().enumerate() {
         let Exchange { request, reply } = Dialect::TcpConstant.read(number as u16, 768_000);
-        let mut received = Vec::new();
+        let (mut received, sent) = (Vec::new(), now());
         let result = wire.send(&request).and_then(|()| wire.receive(reply.len(), PATIENCE, &mut received));
         if result.is_err() || received != reply {
             return Err(format!("a visitor of plus2.modbus has got {received:02X?} instead of {reply:02X?}"));
         }
-        line.right.fetch_add(1, Ordering::Relaxed);
+        line.answered(sent);
     }
     for path in PAGES {
         control.expect("GET", path, "")?;
     }
     for path in ["/api/live?drive=step", "/api/events", "/api/events?drive=count"] {
         let mut stream = control.request("GET", path, "")?;
-        let mut text = Vec::new();
-        while !text.windows(6).any(|part| part == b"event:") {
-            let mut bytes = [0; 4_096];
-            match stream.read(&mut bytes) {
-                Ok(count @ 1..) => text.extend_from_slice(&bytes[..count]),
-                other => return Err(format!("GET {path} of the control API has no event: {other:?}")),
+        read_until(&mut stream, path, |text| text.contains("event:"))?;
+    }
+    type_on_terminal(control)
+}
+
+/// Opens a terminal at a port without a master, and asks for the maximum velocity, 768,000 steps per second (FB 5).
+fn type_on_terminal(control: &Control) -> Result<(), String> {
+    let path = "/api/drives/plus2/ports/mcode/terminal";
+    let mut stream = control.request("GET", path, "")?;
+    let opened = read_until(&mut stream, path, |text| text.contains('}'))?;
+    let id = opened.split("\"id\":").nth(1).and_then(|rest| rest.split('}').next()).unwrap_or("0");
+    control.expect("POST", &format!("/api/terminals/{id}"), r#"{"text":"PR VM\r"}"#)?;
+    // The reply may come in several events.
+    let shown = |text: &str| {
+        text.split("\"text\":\"").skip(1).filter_map(|rest| rest.split("\"}").next()).collect::<String>()
+    };
+    read_until(&mut stream, path, |text| shown(text).contains("768000"))?;
+    Ok(())
+}
+
+/// Reads a stream of events until `is_done` holds for its text.
+fn read_until(stream: &mut TcpStream, path: &str, is_done: impl Fn(&str) -> bool) -> Result<String, String> {
+    let mut text = String::new();
+    while !is_done(&text) {
+        let mut bytes = [0; 4_096];
+        match stream.read(&mut bytes) {
+            Ok(count @ 1..) => text += &String::from_utf8_lossy(&bytes[..count]),
+            other => {
+                return Err(format!(
+                    "GET {path} of the control API has no more events: {other:?} after {text}"
+                ));
             }
         }
     }
-    Ok(())
+    Ok(text)
 }

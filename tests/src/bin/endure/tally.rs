@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use crate::now;
 
 /// Most sentences about wrong replies that are printed.
 const SENTENCES: u64 = 20;
@@ -28,16 +30,46 @@ pub(crate) struct Line {
     pub(crate) faulty: AtomicU64,
     /// Exchanges with a drive that had no power or was starting.
     pub(crate) powerless: AtomicU64,
+    /// Longest time from a request to its right reply, in microseconds. If the port has several connections, it contains the
+    /// wait for the replies to the others.
+    longest: AtomicU64,
 }
 
-/// Sums of the counts.
+impl Line {
+    /// Counts a right reply to a request that was sent at `sent`.
+    pub(crate) fn answered(&self, sent: Instant) {
+        self.right.fetch_add(1, Ordering::Relaxed);
+        self.longest.fetch_max((now() - sent).as_micros() as u64, Ordering::Relaxed);
+    }
+}
+
+/// Counts of a port, or sums of all ports.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Counts {
     pub(crate) right: u64,
     pub(crate) faulty: u64,
     pub(crate) powerless: u64,
+    /// Zero for a port.
     pub(crate) wrong: u64,
+    /// Longest time from a request to its right reply since the start, in microseconds.
+    pub(crate) longest: u64,
 }
+
+impl Counts {
+    /// The counts since those of `before`.
+    pub(crate) fn since(self, before: Self) -> Self {
+        Self {
+            right: self.right - before.right,
+            faulty: self.faulty - before.faulty,
+            powerless: self.powerless - before.powerless,
+            wrong: self.wrong - before.wrong,
+            longest: self.longest,
+        }
+    }
+}
+
+/// Name of each port, with its counts.
+pub(crate) type Ports = BTreeMap<&'static str, Counts>;
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
@@ -68,18 +100,25 @@ impl Tally {
         }
     }
 
-    /// Each port's name with its counts.
-    pub(crate) fn lines(&self) -> Vec<(&'static str, &'static Line)> {
-        lock(&self.lines).iter().map(|(name, line)| (*name, *line)).collect()
+    /// The counts of each port.
+    pub(crate) fn ports(&self) -> Ports {
+        let counts = |line: &Line| {
+            let [right, faulty, powerless, longest] =
+                [&line.right, &line.faulty, &line.powerless, &line.longest]
+                    .map(|count| count.load(Ordering::Relaxed));
+            Counts { right, faulty, powerless, wrong: 0, longest }
+        };
+        lock(&self.lines).iter().map(|(name, line)| (*name, counts(line))).collect()
     }
 
     /// The sums.
     pub(crate) fn counts(&self) -> Counts {
         let mut counts = Counts { wrong: self.wrong.load(Ordering::Relaxed), ..Counts::default() };
-        for (_, line) in self.lines() {
-            counts.right += line.right.load(Ordering::Relaxed);
-            counts.faulty += line.faulty.load(Ordering::Relaxed);
-            counts.powerless += line.powerless.load(Ordering::Relaxed);
+        for port in self.ports().values() {
+            counts.right += port.right;
+            counts.faulty += port.faulty;
+            counts.powerless += port.powerless;
+            counts.longest = counts.longest.max(port.longest);
         }
         counts
     }
