@@ -15,10 +15,22 @@ impl Bench {
 
     /// Connects a client to a line. Several clients may share a line; their requests are sent one after the other.
     pub fn connect(&mut self, bus: Bus) -> Client {
-        self.connected += 1;
-        self.clients.insert(self.connected, ClientState::new(bus.0, self.arrivals));
-        self.buses[bus.0 as usize].clients.push(self.connected);
-        Client(self.connected)
+        let id = self.new_client();
+        self.clients.insert(id, ClientState::new(bus.0, self.arrivals));
+        self.buses[bus.0 as usize].clients.push(id);
+        Client(id)
+    }
+
+    /// The number of a new client: the next one that no client has. Numbers begin again after the last one, which is not
+    /// 0: lines without a client have that.
+    pub(super) fn new_client(&mut self) -> u32 {
+        loop {
+            self.last_client = self.last_client.wrapping_add(1);
+            let id = self.last_client;
+            if id != 0 && self.clients.get(&id).is_none() && !self.connections.has(id) {
+                return id;
+            }
+        }
     }
 
     /// Disconnects a client. A partial frame is dropped. Complete requests are still sent, except requests on

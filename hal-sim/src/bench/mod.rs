@@ -229,8 +229,8 @@ pub struct Bench {
     clients: Clients,
     /// Clients of TCP ports.
     connections: Connections,
-    /// Number of clients so far.
-    connected: u32,
+    /// Number of the last client.
+    last_client: u32,
     /// Number of arrivals of bytes from clients so far; defines the order of arrival.
     arrivals: u64,
     /// Time by which the bytes of a client that are sent now were sent at the latest; now, if it is earlier.
@@ -290,7 +290,7 @@ impl Bench {
             busy: 0,
             clients: Clients::default(),
             connections: Connections::default(),
-            connected: 0,
+            last_client: 0,
             arrivals: 0,
             arrived_by: Instant::ZERO,
             silence_is_free: false,

@@ -344,13 +344,12 @@ impl Bench {
         if !self.accepts(outlet) {
             return Err(ConnectError::Booting);
         }
-        let client = self.connected + 1;
+        let client = self.new_client();
         let tcp = self.at_mut(drive).state.tcp(port).expect("the device has such a port");
         let link = tcp.connect(client).ok_or(ConnectError::Full)?;
         let splitter = tcp.framed.then(Splitter::new);
         let disturbed = DisturbedStream::new(tcp.framed);
         let (pending, inbox) = (Vec::new(), Vec::new());
-        self.connected = client;
         let connection = Connection {
             drive,
             port,

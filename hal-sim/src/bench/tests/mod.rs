@@ -1546,3 +1546,13 @@ fn without_power_registers_keep_their_last_values() {
     bench.run_until(11.secs());
     assert_eq!(bench.peek(drive, position), 0);
 }
+
+/// A process that runs for months may have more than 2³² clients, one after the other.
+#[test]
+fn numbers_of_clients_begin_again_and_spare_those_that_are_there() {
+    let (mut bench, drive, first) = alone(LineMode::Timed);
+    let bus = bench.bus(drive, Port(0)).unwrap();
+    bench.last_client = u32::MAX - 1;
+    let others = [(); 3].map(|()| bench.connect(bus));
+    assert_eq!((first, others), (Client(1), [Client(u32::MAX), Client(2), Client(3)]));
+}
