@@ -117,11 +117,17 @@ impl Drive {
             .min(self.encoder.deadline())
     }
 
-    /// Passes the instant to all parts, if one of them is due.
+    /// Does what is due at `at`. Mostly nothing is, and this comes before each received character.
+    #[inline(always)]
     pub(super) fn timeout(&mut self, at: Instant, out: &mut dyn Context) {
-        if at < self.due {
-            return;
+        if at >= self.due {
+            self.advance(at, out);
         }
+    }
+
+    /// Passes the instant to all parts.
+    #[inline(never)]
+    fn advance(&mut self, at: Instant, out: &mut dyn Context) {
         self.encoder.timeout(at);
         self.stale = true;
         if self.startup.timeout(at, out) {
