@@ -342,7 +342,9 @@ fn check_index(product: Product, kind: u8, rates: &Rates, mt: i64, from: f64, cl
     let (search_back, creeps_back) = (kind <= 2, matches!(kind, 2 | 3));
     let begins_on_it = (begins * counts).floor().rem_euclid(counts) == 0.0;
     let first = if search_back || begins_on_it { begins.floor() } else { begins.ceil() };
-    let speed = rates.speed_after((first - begins).abs() * turn);
+    // Backward it begins at its upper edge.
+    let way = if search_back { begins - first - 1.0 / counts } else { first - begins };
+    let speed = rates.speed_after(way.max(0.0) * turn);
     let ramp = if begins_on_it { 0.0 } else { rates.turns(rates.ramp(speed)) };
     let off = |mark: f64| if creeps_back { mark - end } else { end - mark - 1.0 / counts };
     let most = rates.turns(1.01 + rates.start * 1e-6);
@@ -367,6 +369,14 @@ proptest! {
     ) {
         check_index(product, kind, &rates, mt, from, closed);
     }
+}
+
+/// The mark is a count wide. From its upper edge backward the ramp takes 0.98 turns, from its lower edge it would take 1.29
+/// turns and pass another mark.
+#[test]
+fn a_search_backward_brakes_from_the_upper_edge_of_the_mark() {
+    let rates = Rates { microsteps: 50, start: 50.0, speed: 10_000.0, up: 1_099_344.0, down: 1_788.0 };
+    check_index(Product::Plus, 1, &rates, 0, -1.997_897_715_050_766_4, false);
 }
 
 /// The switch is 10,240 steps wide, and a ramp takes 200,000 steps.

@@ -29,14 +29,9 @@ struct Work {
     run: fn(u64),
 }
 
-const WORKS: [Work; 10] = [
+const WORKS: [Work; 9] = [
     Work { name: "event, 1 seat", rounds: [1_000, 11_000], run: |rounds| Toys::new(1).run(rounds) },
     Work { name: "event, 1,000 seats", rounds: [1_000, 11_000], run: |rounds| Toys::new(1_000).run(rounds) },
-    Work {
-        name: "event, 10,000 seats",
-        rounds: [1_000, 11_000],
-        run: |rounds| Toys::new(10_000).run(rounds),
-    },
     Work { name: "edge from a motor to a counter", rounds: [1_000, 11_000], run: edges },
     Work { name: "request to a drive alone", rounds: [100, 1_100], run: requests_alone },
     Work {
