@@ -121,8 +121,11 @@ impl Rig {
         self.run_until(self.now() + time);
     }
 
-    /// Opens or closes a port of the computer.
+    /// Opens or closes a port of the computer. What a program has read of a frame is lost with it.
     pub fn open(&mut self, port: CablePort, open: bool) {
+        if port == CablePort::Control {
+            self.partial.clear();
+        }
         hardware::open(port, open);
     }
 
