@@ -36,16 +36,22 @@ pub fn add(kinds: &'static [Kind]) -> Result<(), String> {
         if names.contains(&kind) {
             return Err(format!("there are two kinds with the name {kind}"));
         }
-        let saved = spec.registers.rows.iter().filter(|row| row.saved != 0).count();
-        if usize::from(spec.memory) < 2 * saved {
-            return Err(format!(
-                "{kind} saves {saved} registers, but its memory has {} bytes: set `memory` in its Spec",
-                spec.memory
-            ));
-        }
+        check_memory(spec)?;
         names.push(kind);
     }
     ADDED.set(kinds).map_err(|_| "kinds can be added once to a process".to_owned())
+}
+
+/// Checks that the memory has a word for each saved register, because a store beside it is lost.
+fn check_memory(spec: &Spec) -> Result<(), String> {
+    let saved = spec.registers.rows.iter().filter(|row| row.saved != 0).count();
+    if usize::from(spec.memory) < 2 * saved {
+        return Err(format!(
+            "{} saves {saved} registers, but its memory has {} bytes: set `memory` in its Spec",
+            spec.kind, spec.memory
+        ));
+    }
+    Ok(())
 }
 
 fn is_name(kind: &str) -> bool {
@@ -75,6 +81,16 @@ pub fn make(kind: &str) -> Result<Box<dyn Device>, String> {
 mod tests {
     use super::*;
     use crate::testing::test_device::TestDevice;
+
+    #[test]
+    fn a_kind_has_memory_for_its_saved_registers() {
+        assert!(specs().all(|spec| check_memory(spec).is_ok()));
+        let registers = TestDevice::default().spec().registers;
+        let with = |memory| check_memory(&Spec { kind: "toy", memory, registers, ..Spec::EMPTY });
+        assert_eq!(with(2), Ok(()));
+        let error = "toy saves 1 registers, but its memory has 1 bytes: set `memory` in its Spec";
+        assert_eq!(with(1), Err(error.to_owned()));
+    }
 
     #[test]
     fn names_of_added_kinds_are_new_words() {

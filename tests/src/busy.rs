@@ -36,7 +36,7 @@ impl Toys {
     /// Runs the bench for so many events.
     ///
     /// # Panics
-    /// If there were fewer or more.
+    /// If the toys have not sent as many messages, give or take one of each.
     pub fn run(&mut self, events: u64) {
         let span = (events * 1_000_000 / (self.seats * RATE)).micros();
         let before = self.sent();

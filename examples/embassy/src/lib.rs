@@ -37,7 +37,7 @@ struct Outputs<'a, B> {
     memory: [u8; MEMORY],
     reply: Vec<u8, 256>,
     line: Line,
-    /// True if the UART has another line than `line` until the reply has left.
+    /// True while the UART still has the line before `line`, because a reply leaves with it.
     is_line_new: bool,
     steps: StepIterator,
     next_step: Option<Step>,

@@ -268,12 +268,18 @@ impl StepperMotor {
     pub fn resynchronise(&mut self, at: Instant) {
         if self.is_free() && self.interval.speed_at(at) == 0 {
             self.move_field(at);
-            self.is_loose = false;
             let shaft = self.interval.phase_at(at);
             self.field_offset = self.nearest_period(shaft);
-            self.interval = MotionInterval::at_rest(at, at, shaft);
+            self.fall_into_step(at, shaft);
             self.next_interval(at, CATCH_UP);
         }
+    }
+
+    /// Lets a shaft at rest follow the field again. The deceleration with which it stopped has ended; otherwise it would
+    /// count as one of the plan, and hide how far the field is away.
+    fn fall_into_step(&mut self, at: Instant, shaft: i128) {
+        self.is_loose = false;
+        self.interval = MotionInterval::at_rest(at, at, shaft);
     }
 
     /// Returns true if the shaft does not follow though it has current and is not held.
@@ -339,10 +345,10 @@ impl StepperMotor {
         let field = Field::of(&self.plan, at);
         let resynchronises =
             self.is_free() && speed == 0 && self.catch_up_until <= at && self.resynchronises(shaft, &field);
-        self.is_loose = !resynchronises && (self.is_loose || !self.can_follow());
         if resynchronises {
-            self.interval = MotionInterval::at_rest(at, at, shaft);
+            self.fall_into_step(at, shaft);
         }
+        self.is_loose |= !self.can_follow();
         if !self.is_loose {
             let next = self.following(at, within, shaft, &field);
             let fails = if resynchronises { None } else { self.fails_after(&next) };

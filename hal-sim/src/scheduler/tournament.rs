@@ -37,9 +37,14 @@ impl Tournament {
 
     /// Compares the new deadlines, level by level, up to the winners that stay.
     pub(crate) fn compare(&mut self) {
+        // Most events change one deadline.
         if let [leaf] = self.changed[..] {
             self.changed.clear();
-            return self.climb(leaf as usize);
+            let mut node = leaf as usize;
+            while node > 1 && self.play(node / 2) {
+                node /= 2;
+            }
+            return;
         }
         while self.changed.first().is_some_and(|&node| node > 1) {
             let mut kept = 0;
@@ -53,19 +58,6 @@ impl Tournament {
             self.changed.truncate(kept);
         }
         self.changed.clear();
-    }
-
-    /// Compares one new deadline.
-    fn climb(&mut self, mut node: usize) {
-        let mut winner = self.nodes[node];
-        while node > 1 {
-            winner = winner.min(self.nodes[node ^ 1]);
-            node /= 2;
-            if self.nodes[node] == winner {
-                break;
-            }
-            self.nodes[node] = winner;
-        }
     }
 
     /// Compares the children of a node. Returns true if the winner is another one.

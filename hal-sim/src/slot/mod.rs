@@ -179,6 +179,7 @@ impl Slot {
         self.done(at, Phase::Power, context);
     }
 
+    /// Powers the drive off.
     fn power_off(&mut self, at: Instant, outputs: &mut Outputs) {
         self.off_since = at;
         self.device.power_off(at);
