@@ -34,7 +34,7 @@ use super::error::Error;
 use super::hybrid::{self, Environment, Hybrid};
 use super::io::{self, Io};
 use super::mcode::Mcode;
-use super::mcode::statement::Place;
+use super::mcode::operand::Place;
 use super::mcode::trip::Made;
 use super::motion::{self, Contact, Motion};
 use super::registers::{Model, Reg};
@@ -60,7 +60,7 @@ impl Drive {
     #[inline(always)]
     pub(super) fn new(model: Model) -> Self {
         let bank = Registers::new(model);
-        let motion = Motion::new(motion::Settings::of(&bank, None));
+        let motion = Motion::new(motion::Settings::of(&bank));
         Self {
             startup: Startup::OFF,
             saving: Saving::NONE,

@@ -6,8 +6,7 @@ use crate::mdrive::error::Error;
 use crate::mdrive::io::Io;
 use crate::mdrive::mcode::console::{Consoles, note_lost_input, prompt};
 use crate::mdrive::mcode::names::Names;
-use crate::mdrive::mcode::statement::Place;
-use crate::mdrive::motion;
+use crate::mdrive::mcode::operand::Place;
 use crate::mdrive::registers::{Model, Reg};
 use crate::mdrive::saved::{Saving, load_globals};
 use crate::mdrive::variables::{entry, is_number, words};
@@ -43,7 +42,7 @@ impl Drive {
         if whole {
             self.motion.shaft_mut().unplug(at);
         }
-        self.motion.power_on(at, motion::Settings::of(&self.bank, Some(&self.io)), out);
+        self.motion.power_on(at, self.io.motion_settings(&self.bank), out);
         self.apply_variables(at, out);
         if !good {
             self.mcode.errors.set(Error::Flash);

@@ -24,7 +24,7 @@ use self::rotor::Rotor;
 use self::status::Limit;
 use super::error::Error;
 use super::io::Io;
-use super::motion::{self, Motion};
+use super::motion::Motion;
 use super::registers::{Model, Reg};
 use super::variables::Registers;
 use super::{LAG_LIMIT, LEAD_LIMIT, LOCKED_ROTOR, OVER_TEMPERATURE};
@@ -37,19 +37,6 @@ pub(super) const WARNING: &[u8] = b"Error 71\r\n";
 /// Values of AS: the circuitry is off; torque mode.
 const OFF: u16 = 0;
 const TORQUE: u16 = 3;
-
-/// Frequency that SS and TS divide (FB 5.1; MDRIVE-23), in Hz.
-const OSCILLATOR: i32 = 10_000_000;
-
-/// Speed for a value 0 to 255 of SS or TS, in steps/s.
-pub(super) fn frequency(n: i32) -> i32 {
-    OSCILLATOR.checked_div(n.saturating_add(2)).unwrap_or(0)
-}
-
-/// Value of SS or TS for a speed in steps/s. Its speed is not below the given one.
-pub(super) fn divider(frequency: i32) -> i32 {
-    OSCILLATOR.checked_div(frequency).unwrap_or(0) - 2
-}
 
 /// Present faults, one bit each.
 #[derive(Clone, Copy, Debug)]
@@ -290,7 +277,7 @@ pub(super) fn set_motion(
     motion: &mut Motion,
     out: &mut dyn Context,
 ) {
-    let settings = motion::Settings::of(registers, Some(io)).switched_off(is_disabled);
+    let settings = io.motion_settings(registers).switched_off(is_disabled);
     if motion.set(at, settings, out) {
         // "Make up mode will be cleared when bridges are disabled and Hybrid is enabled" (MC 5-50).
         registers.set(Reg::MU, 0);

@@ -7,12 +7,12 @@
 use fixed::types::{I24F8, U24F8};
 
 use super::status::Limit;
-use super::{Condition, Environment, Event, Hybrid, LOCKED_ROTOR, frequency, is_in_torque_mode};
+use super::{Condition, Environment, Event, Hybrid, LOCKED_ROTOR, is_in_torque_mode};
 use crate::device::{Duration, Instant};
 use crate::mdrive::error::Error;
 use crate::mdrive::motion::Circuit;
 use crate::mdrive::registers::Reg;
-use crate::mdrive::variables::Registers;
+use crate::mdrive::variables::{Registers, frequency};
 use crate::motion::{Limits, MAX_ACCELERATION};
 
 /// Full steps in a revolution, for the accelerations and speeds in this file.

@@ -8,9 +8,10 @@ use crate::mdrive::MCODE;
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::console::{Consoles, Echo, Key, MAX_CONNECTIONS, Typed, note_lost_input, prompt};
+use crate::mdrive::mcode::operand::Place;
 use crate::mdrive::mcode::parse::begins_number;
 use crate::mdrive::mcode::serial::{ACK, NAK, is_checked};
-use crate::mdrive::mcode::statement::{Place, Statement};
+use crate::mdrive::mcode::statement::Statement;
 use crate::mdrive::reasons::{Why, report};
 
 impl Interpreter<'_> {

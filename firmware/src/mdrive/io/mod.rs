@@ -23,7 +23,7 @@ use self::high_speed::HighSpeed;
 use self::point::{Kind, Point, SetUp};
 use self::remote::Remote;
 use super::error::Error;
-use super::motion::{Channel, Contact};
+use super::motion::{self, Channel, Contact};
 use super::registers::Reg;
 use super::variables::Registers;
 use super::{A, B, CAPTURE, INDEX, IO1, IO2, IO3, IO4, IO7, IO8};
@@ -322,15 +322,20 @@ impl Io {
         Some(point.is_active())
     }
 
+    /// Settings of the motion: those of the variables, and those of the inputs.
+    pub(super) fn motion_settings(&self, registers: &Registers) -> motion::Settings {
+        motion::Settings::of(registers).with_inputs(self.home_debounce_ms(), self.follows_clock())
+    }
+
     /// Debounce time of the home switch, in ms; 0 if there is none.
-    pub(super) fn home_debounce_ms(&self) -> u8 {
+    fn home_debounce_ms(&self) -> u8 {
         let is_home = |point: &Point| point.kind() == Kind::Contact(Contact::Home);
         let place = self.points.iter().position(is_home);
         place.and_then(|place| self.filters.debounce_ms.get(place)).copied().unwrap_or(0)
     }
 
     /// Returns true if the motor follows clock inputs: CM is 1, and S7 and S8 are inputs.
-    pub(super) fn follows_clock(&self) -> bool {
+    fn follows_clock(&self) -> bool {
         self.clock.follows()
     }
 

@@ -6,7 +6,7 @@ use drivetwin_protocol::registers::Register;
 
 use self::table::{Class, ITEMS, Item};
 use super::super::registers::{HYBRID, Reg};
-use super::statement::List;
+use super::operand::List;
 
 /// Meaning of a name of the language.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -88,10 +88,10 @@ pub(in crate::mdrive) type Word = [u8; 3];
 /// available.
 pub(in crate::mdrive) const SERIAL: u8 = 1 << 7;
 
-/// Meaning of `word`, which is in capitals, for a drive of these variants; `None` if the user may define the
+/// Meaning of `word`, in upper or lower case, for a drive of these variants; `None` if the user may define the
 /// word.
 pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
-    let word = padded(word)?;
+    let word = padded(word)?.map(|character| character.to_ascii_uppercase());
     let item = ITEMS.get(ITEMS.binary_search_by(|item| item.word.cmp(&word)).ok()?)?;
     if item.variants & variants != 0 {
         return Some(item.mnemonic());

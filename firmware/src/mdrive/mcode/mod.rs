@@ -6,6 +6,7 @@
 //! | `console` | connections: characters, keys, echo, answers |
 //! | `serial` | party mode and checksums, as in drives with a serial port |
 //! | `mnemonic` | names of the language |
+//! | `operand` | what statements are made of |
 //! | `statement` | a line after parsing |
 //! | `parse` | the parser |
 //! | `program` | stored lines, by address |
@@ -17,6 +18,7 @@
 pub(super) mod console;
 pub(super) mod mnemonic;
 pub(super) mod names;
+pub(super) mod operand;
 pub(super) mod parse;
 pub(super) mod program;
 mod run;

@@ -3,7 +3,9 @@
 use heapless::Vec;
 
 use super::super::error::Error;
-use super::statement::Name;
+
+/// A name of one or two characters, in capitals. After a single character comes a blank.
+pub(in crate::mdrive) type Name = [u8; 2];
 
 /// Maximum number of names.
 pub(in crate::mdrive) const MAX: usize = 192;
@@ -88,6 +90,18 @@ impl Names {
     /// Keeps only the names for which `keeps` is true.
     pub(in crate::mdrive) fn retain(&mut self, mut keeps: impl FnMut(Name, Meaning) -> bool) {
         self.list.retain(|(name, meaning)| keeps(*name, *meaning));
+    }
+}
+
+/// A name of one or two characters in the form for comparison: in capitals, with a blank if it has one
+/// character.
+pub(in crate::mdrive) fn name(word: &[u8]) -> Option<Name> {
+    match *word {
+        [a] if a.is_ascii_alphabetic() => Some([a.to_ascii_uppercase(), b' ']),
+        [a, b] if a.is_ascii_alphabetic() && b.is_ascii_alphanumeric() => {
+            Some([a.to_ascii_uppercase(), b.to_ascii_uppercase()])
+        }
+        _ => None,
     }
 }
 

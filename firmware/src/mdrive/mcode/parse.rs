@@ -11,9 +11,10 @@ use self::scanner::{Kind, Scanner};
 use super::super::error::Error;
 use super::super::registers::Reg;
 use super::super::variables::Registers;
-use super::mnemonic::{self, Instruction, Mnemonic, SERIAL, Word};
-use super::names::{Names, unknown};
-use super::statement::{List, Name, Operand, Parameter, Place, Statement};
+use super::mnemonic::{Instruction, Mnemonic, SERIAL};
+use super::names::{Name, Names, name, unknown};
+use super::operand::{List, Operand, Parameter, Place};
+use super::statement::Statement;
 
 /// Parses a line for a drive of these variants and with these user names.
 ///
@@ -54,33 +55,12 @@ pub(in crate::mdrive) fn without_comment(line: &[u8]) -> &[u8] {
     line.get(..end.unwrap_or(line.len())).unwrap_or(line).trim_ascii()
 }
 
-/// A name of one or two characters in the form for comparison: in capitals, with a blank if it has one
-/// character.
-pub(in crate::mdrive) fn name(word: &[u8]) -> Option<Name> {
-    match *word {
-        [a] if a.is_ascii_alphabetic() => Some([a.to_ascii_uppercase(), b' ']),
-        [a, b] if a.is_ascii_alphabetic() && b.is_ascii_alphanumeric() => {
-            Some([a.to_ascii_uppercase(), b.to_ascii_uppercase()])
-        }
-        _ => None,
-    }
-}
-
 impl Registers {
     /// Variants whose MCode words (commands and variables) this drive knows, one bit each. The bit `SERIAL` is also set
     /// if the drive has a serial port.
     pub(in crate::mdrive) fn variants(&self) -> u8 {
         self.model().variant() | if self.is_serial() { SERIAL } else { 0 }
     }
-}
-
-/// Meaning of a word in the language, in upper or lower case.
-pub(in crate::mdrive) fn find(word: &[u8], variants: u8) -> Option<Mnemonic> {
-    let mut capitals = Word::default();
-    let target = capitals.get_mut(..word.len())?;
-    target.copy_from_slice(word);
-    target.make_ascii_uppercase();
-    mnemonic::find(target, variants)
 }
 
 /// The instruction S. A word of S and a number is the name of an I/O instead.

@@ -22,8 +22,9 @@ use super::super::saved;
 use super::super::variables::Registers;
 use super::Mcode;
 use super::names::Meaning;
+use super::operand::Place;
 use super::parse::{parse, without_comment};
-use super::statement::{Place, Statement};
+use super::statement::Statement;
 use crate::device::{Context, Instant, Output};
 
 /// Bytes of the log.

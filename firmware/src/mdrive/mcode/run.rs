@@ -5,7 +5,7 @@ use super::vm::{Interrupt, Vm};
 use crate::device::{Context, Instant};
 use crate::mdrive::error::{Error, Errors};
 use crate::mdrive::mcode::names::Meaning;
-use crate::mdrive::mcode::statement::{Place, Trip};
+use crate::mdrive::mcode::operand::{Place, Trip};
 use crate::mdrive::mcode::trip::Trips;
 use crate::mdrive::motion::Motion;
 use crate::mdrive::reasons::Why;

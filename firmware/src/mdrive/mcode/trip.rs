@@ -10,7 +10,7 @@ use super::super::motion::Shaft;
 use super::super::reasons::Why;
 use super::super::registers::Reg;
 use super::super::variables::Registers;
-use super::statement::{Operand, Parameter, Place, Trip};
+use super::operand::{Operand, Parameter, Place, Trip};
 use crate::device::{Duration, Instant};
 
 /// Minimum time between two trips of TR, for 20 kHz (MC 5-75). A trip that is earlier waits.

@@ -9,7 +9,8 @@ use super::super::error::Error;
 use super::super::motion::Order;
 use super::super::reasons::Why;
 use super::super::registers::Reg;
-use super::statement::{Name, Operand, Place, Trip};
+use super::names::Name;
+use super::operand::{Operand, Place, Trip};
 use super::trip::Trips;
 use crate::device::{Duration, Instant};
 

@@ -51,14 +51,12 @@ use self::events::Events;
 use self::follow::Follow;
 use self::home::Homing;
 use self::queue::{Queue, Task};
-use self::scale::Scale;
+pub(super) use self::scale::Scale;
 pub(super) use self::shaft::Shaft;
 use super::error::Error;
-use super::hybrid::frequency;
-use super::io::Io;
 use super::reasons::Why;
 use super::registers::Reg;
-use super::variables::Registers;
+use super::variables::{Registers, frequency};
 use crate::device::Instant;
 use crate::motion::Limits;
 use crate::motor::stepper::StepperParameters;
@@ -112,8 +110,8 @@ pub(super) struct Settings {
 }
 
 impl Settings {
-    /// Settings of the motion. Without `io` the motion follows no clock and has no home switch.
-    pub(super) fn of(bank: &Registers, io: Option<&Io>) -> Self {
+    /// Settings of the motion without inputs: the motion follows no clock and has no home switch.
+    pub(super) fn of(bank: &Registers) -> Self {
         let long = |reg| u32::try_from(bank.get(reg)).unwrap_or(0);
         let byte = |reg| (bank.word(reg) & 0xFF) as u8;
         let flag = |reg| bank.word(reg) != 0;
@@ -132,8 +130,8 @@ impl Settings {
             keeps_field: bank.word(Reg::AS) != 0,
             limit_mode: byte(Reg::LM),
             jogs: flag(Reg::JE),
-            home_debounce_ms: io.map_or(0, Io::home_debounce_ms),
-            follows_clock: io.is_some_and(Io::follows_clock),
+            home_debounce_ms: 0,
+            follows_clock: false,
             ratio: bank.word(Reg::CR),
             closed: flag(Reg::EE),
             lines: bank.word(Reg::EL),
@@ -145,6 +143,11 @@ impl Settings {
         }
     }
 
+    /// The settings with the debounce time of a home switch, and whether the motion follows a clock.
+    pub(super) fn with_inputs(self, home_debounce_ms: u8, follows_clock: bool) -> Self {
+        Self { home_debounce_ms, follows_clock, ..self }
+    }
+
     /// The settings with the bridge off if `is_disabled`, whatever the value of DE.
     pub(super) fn switched_off(self, is_disabled: bool) -> Self {
         Self { enabled: self.enabled && !is_disabled, ..self }
@@ -152,12 +155,11 @@ impl Settings {
 
     /// Scale of the user's units.
     fn scale(&self) -> Scale {
-        if self.closed { self.closed_scale() } else { Scale::STEPS }
-    }
-
-    /// Scale with EE = 1.
-    pub(super) fn closed_scale(&self) -> Scale {
-        Scale::new(self.steps_per_rev(), 4 * i64::from(self.lines.max(1)))
+        if self.closed {
+            Scale::of_encoder(self.machine.steps_per_rev, self.microsteps, self.lines)
+        } else {
+            Scale::STEPS
+        }
     }
 
     /// Steps of the motor in a revolution.

@@ -15,9 +15,10 @@ impl Scale {
     /// Scale with EE = 0: the unit is a step.
     pub(super) const STEPS: Self = Self { steps: 1, counts: 1 };
 
-    /// Creates the scale of a revolution with these numbers of steps and counts.
-    pub(super) fn new(steps: i64, counts: i64) -> Self {
-        Self { steps, counts }
+    /// Scale with EE = 1, for a motor of so many full steps and an encoder of so many lines, each of which is four
+    /// counts.
+    pub(in crate::mdrive) fn of_encoder(full_steps: u16, microsteps: u16, lines: u16) -> Self {
+        Self { steps: i64::from(full_steps) * i64::from(microsteps), counts: 4 * i64::from(lines.max(1)) }
     }
 
     /// Lag of the encoder behind the steps: steps times the counts of a revolution, minus counts times its steps.

@@ -2,8 +2,8 @@
 
 use super::Reader;
 use crate::mdrive::error::Error;
+use crate::mdrive::mcode::operand::{Operand, Operator, Step};
 use crate::mdrive::mcode::parse::Expression;
-use crate::mdrive::mcode::statement::{Operand, Operator, Step};
 use crate::mdrive::registers::Reg;
 use crate::mdrive::variables::RATIO_ONE;
 

@@ -2,7 +2,7 @@
 
 use super::Reader;
 use crate::mdrive::error::Error;
-use crate::mdrive::mcode::statement::{Operand, Parameter, Place, Trip};
+use crate::mdrive::mcode::operand::{Operand, Parameter, Place, Trip};
 use crate::mdrive::mcode::trip::{Definition, MAX_REPEATS, judge_source};
 
 impl Reader<'_> {

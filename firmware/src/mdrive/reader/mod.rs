@@ -19,14 +19,14 @@ pub(super) use self::judge::refuses;
 pub(super) use self::print::Text;
 use super::drive::Drive;
 use super::error::{Error, Errors};
-use super::hybrid::{Hybrid, frequency, is_in_torque_mode};
+use super::hybrid::{Hybrid, is_in_torque_mode};
 use super::io::Io;
 use super::mcode::Mcode;
 use super::mcode::parse::parse;
 use super::mcode::statement::Statement;
 use super::motion::Motion;
 use super::registers::{Model, Reg, is_frequency};
-use super::variables::{Registers, user_name};
+use super::variables::{Registers, frequency, user_name};
 use crate::device::Instant;
 
 /// The drive at an instant.

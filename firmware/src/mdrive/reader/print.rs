@@ -7,9 +7,8 @@ use super::Reader;
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::console::CR_LF;
 use crate::mdrive::mcode::mnemonic::{self, Keyword, Mnemonic};
-use crate::mdrive::mcode::names::Meaning;
-use crate::mdrive::mcode::parse;
-use crate::mdrive::mcode::statement::{List, Operand, Parameter};
+use crate::mdrive::mcode::names::{Meaning, name};
+use crate::mdrive::mcode::operand::{List, Operand, Parameter};
 use crate::mdrive::registers::{FIRMWARE, HARDWARE, Model, PART_NUMBER, ROWS, Reg, SERIAL_NUMBER};
 use crate::mdrive::variables::RATIO_ONE;
 
@@ -97,14 +96,14 @@ impl Reader<'_> {
         let end = text.iter().position(|character| !character.is_ascii_alphanumeric());
         let (word, behind) = text.split_at_checked(end.unwrap_or(text.len())).ok_or(Error::IllegalData)?;
         *rest = behind;
-        match parse::find(word, self.bank.variants()) {
+        match mnemonic::find(word, self.bank.variants()) {
             _ if !word.first().is_some_and(u8::is_ascii_alphabetic) => Err(Error::IllegalData),
             Some(Mnemonic::Variable(reg)) => Ok(Some(Item::Variable(reg))),
             Some(Mnemonic::List(list)) => Ok(Some(Item::List(list))),
             Some(Mnemonic::Keyword(keyword)) => Ok(Some(Item::Keyword(keyword))),
             Some(Mnemonic::Instruction(_)) => Err(Error::NotPrintable),
             Some(Mnemonic::NotAvailable) => Err(Error::NotAvailable),
-            None => match parse::name(word).and_then(|name| self.mcode.names.find(name)) {
+            None => match name(word).and_then(|name| self.mcode.names.find(name)) {
                 Some(Meaning::Global(value) | Meaning::Local(value)) => Ok(Some(Item::User(value))),
                 Some(Meaning::Label(_)) => Err(Error::NotPrintable),
                 None => Err(Error::UnknownLabel),

@@ -1,12 +1,12 @@
 //! Effects of writing variables, also of those with several values: I/O set-ups, trips, CA and MU.
 
-use super::{entry, output_bit, step, user_name};
+use super::{divider, entry, output_bit, step, user_name};
 use crate::device::{Context, Instant};
 use crate::mdrive::drive::Drive;
 use crate::mdrive::error::Error;
-use crate::mdrive::hybrid::{Environment, divider, set_motion};
-use crate::mdrive::io::Filters;
-use crate::mdrive::mcode::statement::{List, Parameter};
+use crate::mdrive::hybrid::{Environment, set_motion};
+use crate::mdrive::io::{self, Filters};
+use crate::mdrive::mcode::operand::{List, Parameter};
 use crate::mdrive::motion::{Contact, Order};
 use crate::mdrive::reasons::{Why, report};
 use crate::mdrive::registers::{Model, Reg, is_frequency, mcode_range};
@@ -285,7 +285,7 @@ impl Drive {
         out: &mut dyn Context,
     ) -> Result<(), Error> {
         let [kind, second, _] = values;
-        if !self.bank.has_type(kind) {
+        if self.bank.model() == Model::Plus && io::is_of_hybrid(kind) {
             return Err(Error::IllegalType);
         }
         match reg {

@@ -9,13 +9,26 @@ mod stored;
 use drivetwin_protocol::registers::{Entry, Register, Row, Shape};
 
 pub(super) use self::stored::{CLOSED_MICROSTEPS, Registers};
-use super::mcode::statement::Name;
+use super::mcode::names::Name;
 use super::registers::Reg;
 
 /// Stored value of CR for a ratio of 1.
 pub(super) const RATIO_ONE: i32 = 1_000;
 /// The value that HT does not take: it is 0 or at least 2 ms (MC 5-32).
 pub(super) const NO_DELAY_MS: i32 = 1;
+
+/// Frequency that SS and TS divide (FB 5.1; MDRIVE-23), in Hz.
+const OSCILLATOR: i32 = 10_000_000;
+
+/// Speed for a value 0 to 255 of SS or TS, in steps/s.
+pub(super) fn frequency(n: i32) -> i32 {
+    OSCILLATOR.checked_div(n.saturating_add(2)).unwrap_or(0)
+}
+
+/// Value of SS or TS for a speed in steps/s. Its speed is not below the given one.
+pub(super) fn divider(frequency: i32) -> i32 {
+    OSCILLATOR.checked_div(frequency).unwrap_or(0) - 2
+}
 
 /// Entry of a variable in the register map.
 pub(super) fn entry(reg: Reg) -> &'static Entry {

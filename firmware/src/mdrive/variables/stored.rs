@@ -8,8 +8,7 @@ use heapless::Vec;
 use super::{NO_DELAY_MS, entry, is_number, words};
 use crate::device::Context;
 use crate::mdrive::error::{Error, illegal};
-use crate::mdrive::io;
-use crate::mdrive::motion;
+use crate::mdrive::motion::Scale;
 use crate::mdrive::registers::{LASTING, Model, Reg, mcode_accepts};
 use crate::memory::{self, Content};
 
@@ -87,11 +86,6 @@ impl Registers {
     /// Returns true if this drive's model has a row.
     pub(in crate::mdrive) fn has(&self, reg: Reg) -> bool {
         entry(reg).variants & self.model.variant() != 0
-    }
-
-    /// Returns true if the drive's model has an I/O of this type.
-    pub(super) fn has_type(&self, kind: u16) -> bool {
-        self.model == Model::Hybrid || !io::is_of_hybrid(kind)
     }
 
     /// Returns true if EE is 1.
@@ -191,7 +185,8 @@ impl Registers {
 
     /// Converts A, D, VI or VM to counts, or to steps, within the limits of that unit.
     fn scaled(&self, reg: Reg, to_counts: bool) -> i64 {
-        let (scale, value) = (motion::Settings::of(self, None).closed_scale(), self.get(reg));
+        let [full_steps, microsteps, lines] = [Reg::FullSteps, Reg::MS, Reg::EL].map(|reg| self.word(reg));
+        let (scale, value) = (Scale::of_encoder(full_steps, microsteps, lines), self.get(reg));
         let value = if to_counts { scale.in_counts(value) } else { scale.in_steps(value) };
         match entry(reg).legal {
             _ if to_counts => value.min(max_counts(reg).into()),

@@ -3,7 +3,7 @@
 #![expect(clippy::indexing_slicing, reason = "only ever evaluated by the compiler")]
 
 use super::super::super::registers::{HYBRID, ROWS};
-use super::super::statement::Trip;
+use super::super::operand::Trip;
 use super::{Instruction, Keyword, SERIAL, Word};
 
 #[rustfmt::skip]

@@ -6,7 +6,7 @@ use core::mem;
 use super::scanner::{Kind, Scanner};
 use crate::mdrive::error::Error;
 use crate::mdrive::mcode::mnemonic::Mnemonic;
-use crate::mdrive::mcode::statement::{Operand, Operator, Relation, Step};
+use crate::mdrive::mcode::operand::{Operand, Operator, Relation, Step};
 
 /// Text of a value or a condition that has been checked. It is parsed again when it is computed, so that a
 /// long expression takes no more memory than a short one.

@@ -2,10 +2,10 @@
 
 use core::iter::repeat;
 
-use super::{find, name};
 use crate::mdrive::error::Error;
-use crate::mdrive::mcode::mnemonic::Mnemonic;
-use crate::mdrive::mcode::statement::{Name, Operand, Place};
+use crate::mdrive::mcode::mnemonic::{self, Mnemonic};
+use crate::mdrive::mcode::names::{Name, name};
+use crate::mdrive::mcode::operand::{Operand, Place};
 use crate::mdrive::registers::Reg;
 
 /// Kind of a number.
@@ -55,7 +55,7 @@ impl<'a> Scanner<'a> {
     }
 
     pub(super) fn find(&self, word: &[u8]) -> Option<Mnemonic> {
-        find(word, self.variants)
+        mnemonic::find(word, self.variants)
     }
 
     /// Checks that the line ends here.

@@ -8,8 +8,9 @@ use super::super::super::error::Error;
 use super::super::super::registers::{HYBRID, PLUS, Reg};
 use super::super::mnemonic::{Mnemonic, SERIAL, find};
 use super::super::names::{Meaning, Names};
+use super::super::operand::{List, Operand, Operator, Parameter, Place, Relation, Step, Trip};
 use super::super::parse::{self, Expression, without_comment};
-use super::super::statement::{List, Operand, Operator, Parameter, Place, Relation, Statement, Step, Trip};
+use super::super::statement::Statement;
 
 fn parsed(line: &str) -> Result<Statement<'_>, Error> {
     parse::parse(line.as_bytes(), PLUS, &Names::new())
