@@ -1,4 +1,5 @@
-//! Budgets of the bench on this machine: bytes and allocations of idle drives, instructions of events and messages.
+//! Budgets of the bench on this machine: bytes and allocations of idle drives, instructions and allocations of events and
+//! messages.
 //!
 //! The program is built like the tests, with the drives and the bench optimised and with checks of overflow, so that the
 //! check compiles nothing of its own. The numbers of a release build are about half of these.
@@ -32,14 +33,23 @@ const BUDGETS: &[(&str, u64)] = &[
     ("idle mdrive-hybrid, bytes", 14_600),
     ("idle mdrive-hybrid, allocations", 26),
     ("event, 1 seat, instructions", 2_410),
+    ("event, 1 seat, allocations", 0),
     ("event, 1,000 seats, instructions", 2_900),
+    ("event, 1,000 seats, allocations", 0),
     ("edge from a motor to a counter, instructions", 2_910),
+    ("edge from a motor to a counter, allocations", 0),
     ("request to a drive alone, instructions", 8_670),
+    ("request to a drive alone, allocations", 0),
     ("request, a drive on a line, instructions", 32_400),
+    ("request, a drive on a line, allocations", 10),
     ("request, 247 drives on a line, instructions", 1_761_000),
+    ("request, 247 drives on a line, allocations", 13),
     ("request, 247 drives on a fast line, instructions", 339_100),
+    ("request, 247 drives on a fast line, allocations", 13),
     ("request, Modbus/TCP, instructions", 19_500),
+    ("request, Modbus/TCP, allocations", 5),
     ("line of MCode, instructions", 53_500),
+    ("line of MCode, allocations", 16),
 ];
 
 /// Largest difference between a budget and its value, in percent of the budget.

@@ -168,10 +168,21 @@ fn number(said: &str, words: &str) -> u64 {
     behind.split_whitespace().next().and_then(|number| number.parse().ok()).expect("a number")
 }
 
-/// Instructions of a round.
-fn instructions(work: &Work) -> u64 {
+/// Instructions that callgrind has counted.
+fn instructions(said: &str) -> u64 {
+    number(said, "Collected :")
+}
+
+/// Allocations that DHAT has counted.
+fn allocations(said: &str) -> u64 {
+    let (_, blocks) = said.split_once("Total:").expect("DHAT says what it counted");
+    number(blocks, "bytes in")
+}
+
+/// The part of a round in what `tool` counts and `count` reads from its output.
+fn of_round(work: &Work, tool: &str, count: fn(&str) -> u64) -> u64 {
     let [few, many] = work.rounds;
-    let of = |rounds: u64| number(&valgrind("callgrind", [work.name, &rounds.to_string()]), "Collected :");
+    let of = |rounds: u64| count(&valgrind(tool, [work.name, &rounds.to_string()]));
     (of(many) - of(few)) / (many - few)
 }
 
@@ -180,8 +191,7 @@ fn heap(kind: &str) -> [u64; 2] {
     let [few, many] = DRIVES;
     let of = |count: u64| {
         let said = valgrind("dhat", [kind, &count.to_string()]);
-        let (_, blocks) = said.split_once("Total:").expect("DHAT says what it counted");
-        [number(&said, "At t-gmax:"), number(blocks, "bytes in")]
+        [number(&said, "At t-gmax:"), allocations(&said)]
     };
     let (few_drives, many_drives) = (of(few), of(many));
     [0, 1].map(|what| (many_drives[what] - few_drives[what]) / (many - few))
@@ -202,6 +212,7 @@ fn main() {
         println!("idle {kind}, allocations: {allocations}");
     }
     for work in &WORKS {
-        println!("{}, instructions: {}", work.name, instructions(work));
+        println!("{}, instructions: {}", work.name, of_round(work, "callgrind", instructions));
+        println!("{}, allocations: {}", work.name, of_round(work, "dhat", allocations));
     }
 }
