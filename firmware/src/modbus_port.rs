@@ -157,7 +157,8 @@ impl<R: Receiver> ModbusPort<R> {
 }
 
 /// Returns true for an input that comes after all other inputs of its instant: characters, and the end of a frame. Before
-/// it, a drive handles what is [due](crate::device::Device::timeout), so that one that starts without a delay is ready.
+/// it, a drive with a [`ModbusPort`] handles what is [due](crate::device::Device::timeout), so that one that starts without
+/// a delay is ready.
 #[must_use]
 pub fn is_reception(input: &Input<'_>) -> bool {
     matches!(input, Input::Bytes { .. } | Input::RxError { .. } | Input::Idle { .. })

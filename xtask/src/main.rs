@@ -73,7 +73,8 @@ usage: cargo xtask <command>
 
 /// Prints the structure of each drive. `structure.py` says what it counts.
 fn structure(sh: &Shell) -> Result<()> {
-    let drives = ["md3", "qsb", "rs434", "mdrobot", "mdrive"].map(|drive| format!("firmware/src/{drive}"));
+    let mut drives = sh.read_dir("firmware/src")?;
+    drives.retain(|folder| folder.join("registers.rs").is_file());
     Ok(cmd!(sh, "python3 xtask/structure.py {drives...}").run()?)
 }
 

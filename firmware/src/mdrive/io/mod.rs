@@ -1,7 +1,7 @@
 //! The I/O points: IO1 to IO4, the analogue input, the clock points IO7 and IO8, capture and trip at I/O 13,
 //! and the filtered channels of a remote encoder.
 //!
-//! They do not depend on the rest of the drive. They queue events.
+//! They do not know the drive. They queue events.
 //!
 //! A debounce timer that expires at the instant of an input is handled before the input. While the drive
 //! starts, no filter delays a level: an input that is active when the drive is ready does not become active
