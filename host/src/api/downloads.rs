@@ -17,7 +17,7 @@ use drivetwin_sim::record::trace::{Retention, Trace};
 use futures_util::stream;
 use serde::Deserialize;
 use tokio::runtime::Handle;
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedSemaphorePermit, mpsc};
 use utoipa::ToSchema;
 
 use super::guard::QueryParameters;
@@ -94,9 +94,8 @@ pub(super) async fn trace(
     };
     let (pipe, body) = pipe();
     tokio::task::spawn_blocking(move || {
-        let _permit = permit;
         // After an error the body ends early, which is the only report of the error.
-        let _ = pipe.fill(writer);
+        let _ = pipe.fill(writer, permit);
     });
     Ok(([(header::CONTENT_TYPE, media)], body).into_response())
 }
@@ -149,11 +148,18 @@ fn pipe() -> (Pipe, Body) {
 }
 
 impl Pipe {
-    /// Calls `write` to fill the body. The calling thread may have to wait.
-    fn fill(self, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
+    /// Calls `write` to fill the body. The calling thread may have to wait. The permit is given back before the body ends,
+    /// so that a client that asks again at once is not refused.
+    fn fill(
+        self,
+        write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+        permit: OwnedSemaphorePermit,
+    ) -> io::Result<()> {
         let mut out = BufWriter::with_capacity(CHUNK, self);
         write(&mut out)?;
-        out.into_inner()?.send(Bytes::new())
+        let pipe = out.into_inner()?;
+        drop(permit);
+        pipe.send(Bytes::new())
     }
 
     /// Waits until the reader takes the chunk. Fails if it does not within [`STALL`], or has left.
@@ -171,5 +177,32 @@ impl Write for Pipe {
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use tokio::runtime::Builder;
+    use tokio::sync::Semaphore;
+
+    use super::*;
+
+    #[test]
+    fn a_permit_is_free_before_the_body_ends() {
+        let runtime = Builder::new_current_thread().enable_time().build().unwrap();
+        runtime.block_on(async {
+            let room = Arc::new(Semaphore::new(1));
+            let permit = Arc::clone(&room).try_acquire_owned().unwrap();
+            // With room for one chunk, the mark of the end waits until the chunk is taken.
+            let (pieces, mut taken) = mpsc::channel(1);
+            let pipe = Pipe { pieces, runtime: Handle::current() };
+            let filled = tokio::task::spawn_blocking(move || pipe.fill(|out| out.write_all(b"x"), permit));
+            let _free = room.acquire().await.unwrap();
+            assert_eq!(taken.recv().await.unwrap(), "x");
+            assert!(taken.recv().await.unwrap().is_empty());
+            filled.await.unwrap().unwrap();
+        });
     }
 }
