@@ -179,7 +179,7 @@ fn allocations(said: &str) -> u64 {
     number(blocks, "bytes in")
 }
 
-/// The part of a round in what `tool` counts and `count` reads from its output.
+/// Count of one round. `count` reads it from the output of `tool`.
 fn of_round(work: &Work, tool: &str, count: fn(&str) -> u64) -> u64 {
     let [few, many] = work.rounds;
     let of = |rounds: u64| count(&valgrind(tool, [work.name, &rounds.to_string()]));
